@@ -1,0 +1,181 @@
+"""What a backend is: it traces a station to a light map, from which every image comes.
+
+Nothing downstream of an aspect image knows which backend made it.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpuspec.errors import BackendError
+from gpuspec.relief import Relief
+from gpuspec.station import Station
+
+Image = NDArray[np.float32]
+
+FUSIONS = ("mean", "max", "min", "std", "differential")
+LOST = ("seen", "beside the part", "down", "past the tunnel's end", "camera opening")
+BESIDE = 1
+
+# In the order in which `auto` tries them.
+BACKENDS = ("opencl", "numpy")
+
+
+@dataclass(frozen=True)
+class DeviceInfo:
+    """Where images are made; recorded with every output."""
+
+    backend: str
+    device: str
+    driver: str
+    version: str
+
+    def as_dict(self) -> dict[str, str]:
+        """Return the fields as a dictionary."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        return f"{self.backend} on {self.device} ({self.driver} {self.version})"
+
+
+@dataclass(frozen=True)
+class LightMapArrays:
+    """A light map brought home.
+
+    Attributes
+    ----------
+    light_mm, footprint_mm, irradiance : ndarray, shape (n * n, M, N)
+        Light coordinate, footprint and relative irradiance of each sub-ray, sub-rays row by
+        row within the pixel; irradiance 0 where lost.
+    lost : ndarray of uint8, shape (M, N)
+        Index into ``LOST``: why a pixel sees no light.
+    """
+
+    light_mm: NDArray[np.floating[Any]]
+    footprint_mm: NDArray[np.floating[Any]]
+    irradiance: NDArray[np.floating[Any]]
+    lost: NDArray[np.uint8]
+
+
+class LightMap(ABC):
+    """A traced station. Stripes, sequence and sensor may change without tracing again.
+
+    Every method takes a station of the same geometry, or the traced one if None.
+    """
+
+    station: Station
+
+    @abstractmethod
+    def read(self) -> LightMapArrays:
+        """Bring the light map home."""
+
+    @abstractmethod
+    def lost(self) -> NDArray[np.uint8]:
+        """Return why each pixel sees no light: indices into ``LOST``, shape (M, N)."""
+
+    @abstractmethod
+    def image(self, k: int, station: Station | None = None) -> Image:
+        """Return image k of the sequence in DN, shape (M, N)."""
+
+    @abstractmethod
+    def mean(self, station: Station | None = None) -> Image:
+        """Return the mean of all images, each worked out, in DN, shape (M, N)."""
+
+    @abstractmethod
+    def fuse(self, station: Station | None = None) -> dict[str, Image]:
+        """Return every fusion of ``FUSIONS`` in DN, each (M, N), without holding the sequence."""
+
+    @abstractmethod
+    def closed_form(self, station: Station | None = None) -> Image:
+        """Return the noise-free mean over whole periods in closed form, in DN, shape (M, N)."""
+
+    def aspect(self, station: Station | None = None) -> Image:
+        """Return the aspect image in DN, shape (M, N), by the fastest exact way.
+
+        That is the closed form of the mean where the model allows it (`has_closed_form`), else
+        the images one by one.
+        """
+        station = station or self.station
+        if station.sequence.fusion != "mean":
+            return self.fuse(station)[station.sequence.fusion]
+        return self.closed_form(station) if has_closed_form(station) else self.mean(station)
+
+
+class Backend(ABC):
+    """A device that traces stations."""
+
+    info: DeviceInfo
+
+    @abstractmethod
+    def trace(self, station: Station, relief: Relief | None = None) -> LightMap:
+        """Trace a station to a light map that stays on the device.
+
+        Parameters
+        ----------
+        station : Station
+        relief : Relief, optional
+            The station's relief if already resolved.
+        """
+
+
+def has_closed_form(station: Station) -> bool:
+    """Whether the mean has a closed form.
+
+    It does over whole periods in equal steps, without noise, with one footprint per pixel.
+    """
+    return (
+        station.distinct_shifts is not None
+        and not station.sensor.noise
+        and station.camera.subsampling == 1
+    )
+
+
+def open_backend(name: str = "auto", device: str | None = None) -> Backend:
+    """Open a backend; one asked for by name is never swapped.
+
+    Parameters
+    ----------
+    name : str
+        One of ``BACKENDS``, or "auto": the first of them that opens.
+    device : str, optional
+        Part of the device's name, or its number in `gpuspec devices`.
+
+    Returns
+    -------
+    Backend
+
+    Raises
+    ------
+    BackendError
+        If it is absent, with the reason and what to install.
+    """
+    if name != "auto":
+        return _open(name, device)
+    reasons = []
+    for candidate in BACKENDS:
+        try:
+            return _open(candidate, device)
+        except BackendError as error:
+            reasons.append(str(error))
+    raise BackendError("no backend can be opened.\n" + "\n".join(reasons))
+
+
+def _open(name: str, device: str | None) -> Backend:
+    # Backends are imported when used: an absent driver must not keep the others from working.
+    if name == "opencl":
+        from gpuspec.opencl import OpenCLBackend
+
+        return OpenCLBackend(device)
+    if name == "numpy":
+        from gpuspec.reference import NumpyBackend
+
+        return NumpyBackend(device)
+    raise BackendError(f"backend {name!r} is not known; choose one of auto, {', '.join(BACKENDS)}.")
+
+
+BackendName = Literal["auto", "opencl", "numpy"]

@@ -1,0 +1,168 @@
+"""What is wrong with a part: dents, bumps, scratches, measured patches, and random populations.
+
+Relief, with r the distance to the defect's centre or centre line: a Gaussian
+z = -+d exp(-r^2 / 2 sigma^2), sigma a quarter of diameter or width. They stay mirrors.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    model_serializer,
+    model_validator,
+)
+
+MICRO = 1e-3  # mm per um
+
+_LENGTH = {"gt": 0, "le": 1e5}
+Length = Annotated[float, Field(**_LENGTH)]
+Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
+Depth = Annotated[float, Field(gt=0, le=1e4)]
+Seed = Annotated[int, Field(ge=0, le=2**32 - 1)]
+Points = Annotated[
+    tuple[tuple[Coordinate, Coordinate], ...],
+    Field(min_length=2, max_length=10_000, strict=False),
+    BeforeValidator(lambda v: tuple(tuple(p) if isinstance(p, list) else p for p in v)
+                    if isinstance(v, list) else v),
+]
+
+
+class Section(BaseModel):
+    """Frozen values: no unknown key, no coercion, no NaN."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, ignored_types=(cached_property,)
+    )
+
+
+class Topography(Section):
+    """A measured topography."""
+
+    file: str = Field(min_length=1, description="topography file, relative to the station file")
+    form_removed: Literal["none", "mean", "plane", "curvature"] = Field(
+        "plane", description="least-squares form taken off: nothing, mean, plane or curvature"
+    )
+    smoothing_um: float = Field(
+        0.0, ge=0, le=1e4, description="sigma of a Gaussian low-pass over the heights; 0: none"
+    )
+    zone_height_um: float | None = Field(
+        None, gt=0, le=1e4,
+        description="|relief| above this is a defect's zone; none: the map holds no known defect",
+    )
+    zone_file: str | None = Field(
+        None, description="image of the zones instead (non-zero: defect), same shape as the map"
+    )
+
+
+class Distribution(Section):
+    """A number, [low, high] (uniform), or {median, spread, low, high} (log-normal, truncated)."""
+
+    low: float = Field(gt=0, le=1e5)
+    high: float = Field(gt=0, le=1e5)
+    median: float | None = Field(None, gt=0, le=1e5)
+    spread: float | None = Field(None, gt=1, le=100, description="geometric standard deviation")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _short_forms(cls, value: Any) -> Any:
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
+            return {"low": value, "high": value}
+        if isinstance(value, (list, tuple)):
+            if len(value) != 2:
+                raise ValueError("must be a number, [low, high] or {median, spread}")
+            return {"low": value[0], "high": value[1]}
+        if isinstance(value, dict) and isinstance(value.get("median"), (int, float)):
+            median, spread = value["median"], value.get("spread")
+            if not isinstance(spread, (int, float)) or not spread > 1:
+                raise ValueError("a log-normal needs spread > 1 beside median")
+            return {"low": median / spread**4, "high": median * spread**4, **value}
+        return value
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Distribution:
+        if self.low > self.high:
+            raise ValueError(f"low = {self.low:g} must not exceed high = {self.high:g}")
+        return self
+
+    @model_serializer
+    def _short(self) -> Any:
+        if self.median is not None:
+            return {"median": self.median, "spread": self.spread, "low": self.low, "high": self.high}
+        return self.low if self.low == self.high else [self.low, self.high]
+
+
+class Spot(Section):
+    """A dent or a bump, Gaussian: sigma = diameter / 4; its zone reaches 2 sigma."""
+
+    kind: Literal["dent", "bump"] = Field(description="dent: down; bump: up")
+    x_mm: Coordinate = Field(description="centre")
+    y_mm: Coordinate = Field(description="centre")
+    diameter_mm: Length = Field(description="of its zone")
+    depth_um: Depth = Field(description="depth of a dent, height of a bump")
+
+
+class Scratch(Section):
+    """A groove of Gaussian section along a polyline with rounded ends: sigma = width / 4."""
+
+    kind: Literal["scratch"] = Field(description="scratch")
+    points_mm: Points = Field(description="[[x, y], ...] of the centre line")
+    width_mm: Length = Field(description="of its zone")
+    depth_um: Depth = Field(description="of the groove")
+
+
+class Patch(Topography):
+    """A measured defect: a piece of topography laid on the part."""
+
+    kind: Literal["measured"] = Field(description="measured")
+    x_mm: Coordinate = Field(description="centre")
+    y_mm: Coordinate = Field(description="centre")
+    taper: float = Field(
+        0.1, ge=0, le=0.5, description="share of each side over which the relief fades to zero"
+    )
+
+
+Defect = Annotated[Spot | Scratch | Patch, Field(discriminator="kind")]
+
+
+class _Population(Section):
+    count: Annotated[int, Field(gt=0, le=1_000_000)] | None = Field(
+        None, description="number of defects; or give density_per_cm2"
+    )
+    density_per_cm2: Annotated[float, Field(gt=0, le=1e6)] | None = Field(
+        None, description="defects per square centimetre, instead of count"
+    )
+    seed: Seed = Field(0, description="the same seed gives the same part everywhere")
+    spacing_mm: float = Field(0.0, ge=0, le=1e5, description="least distance between two zones")
+    depth_um: Distribution = Field(description="depth or height")
+
+    @model_validator(mode="after")
+    def _one_amount(self) -> _Population:
+        if (self.count is None) == (self.density_per_cm2 is None):
+            raise ValueError("give either count or density_per_cm2")
+        return self
+
+
+class SpotPopulation(_Population):
+    """Dents or bumps at random places."""
+
+    kind: Literal["dent", "bump"] = Field(description="dent or bump")
+    diameter_mm: Distribution = Field(description="diameter of the zones")
+
+
+class ScratchPopulation(_Population):
+    """Scratches at random places, in random directions."""
+
+    kind: Literal["scratch"] = Field(description="scratch")
+    width_mm: Distribution = Field(description="width of the zones")
+    length_mm: Distribution = Field(description="length of the centre line")
+    vertices: int = Field(3, ge=2, le=100, description="points of the centre line")
+    bend_rad: float = Field(0.3, ge=0, le=3.0, description="largest turn at an inner point")
+
+
+Population = Annotated[SpotPopulation | ScratchPopulation, Field(discriminator="kind")]

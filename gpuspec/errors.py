@@ -1,0 +1,23 @@
+"""What can go wrong through no fault of the program, said in one sentence each."""
+
+from __future__ import annotations
+
+
+class GpuspecError(Exception):
+    """A user's problem: what happened, why, and what to do next."""
+
+
+class StationError(GpuspecError):
+    """The station file, or a value in it, cannot be used."""
+
+
+class TopographyError(GpuspecError):
+    """A measured topography cannot be read or used."""
+
+
+class BackendError(GpuspecError):
+    """A backend or device is absent, or its kernels do not build."""
+
+
+class OutputError(GpuspecError):
+    """Results cannot be written where they were asked for."""

@@ -1,0 +1,178 @@
+"""From the aspect image to the label image: what is detected, and as which blob.
+
+The flawless surface of the aspect image is even and dark, a defect is bright (Seulin, Merienne,
+Gorria): one grey level separates them, and each connected set of detected pixels is a blob. The
+paper does not say how its threshold is chosen; the rule of `automatic_threshold` is ours.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage  # type: ignore[import-untyped, unused-ignore]
+
+__all__ = ["automatic_threshold", "check_label_image", "check_mask", "flawless_level", "segment"]
+
+GreyLevels = npt.NDArray[np.floating[Any] | np.integer[Any]]
+LabelImage = npt.NDArray[np.integer[Any]]
+Mask = npt.NDArray[np.bool_]
+
+SIGMA_PER_MAD = 1.4826
+"""Standard deviation of a normal distribution over its median absolute deviation."""
+
+ROUNDING = 1e-3
+"""Share of one image that float32 sums may add: images² · 2⁻²⁴ while one image is above the floor
+(images < 50), with room for six times that."""
+
+
+def flawless_level(aspect: GreyLevels, valid: Mask) -> float:
+    """Return the grey level of the flawless surface: the median of the valid pixels.
+
+    Parameters
+    ----------
+    aspect : (M, N) array
+        Aspect image, DN.
+    valid : (M, N) bool array
+        Pixels that lie on the part and see the light.
+
+    Returns
+    -------
+    float
+        Flawless level, DN.
+
+    Raises
+    ------
+    ValueError
+        If the shapes disagree, no pixel is valid, or a valid pixel is not a finite number.
+    """
+    return float(np.median(_valid_pixels(aspect, valid), overwrite_input=True))
+
+
+def automatic_threshold(
+    aspect: GreyLevels, valid: Mask, *, full_scale_dn: float, images: int
+) -> float:
+    """Return the threshold above which no pixel of a flawless part comes.
+
+    ``T = median + max(7 · 1.4826 · MAD, full_scale_dn / images, 0.02 · full_scale_dn)``, over the
+    valid pixels. Seven sigmas, so that not one of millions of flawless pixels passes; one image,
+    because a flawless pixel may be luminous in one image more than its neighbour (plus a thousandth
+    of it, for such pixels sit exactly on the bound and float32 sums round); 2 % of full scale, as a
+    floor under perfectly even backgrounds. Defects are taken to cover less than half of the part.
+
+    Parameters
+    ----------
+    aspect : (M, N) array
+        Aspect image, DN.
+    valid : (M, N) bool array
+        Pixels that lie on the part and see the light.
+    full_scale_dn : float
+        Grey level of a saturated pixel, DN.
+    images : int
+        Images in the sequence.
+
+    Returns
+    -------
+    float
+        Threshold, DN.
+
+    Raises
+    ------
+    ValueError
+        If the shapes disagree, no pixel is valid, a valid pixel is not a finite number, or
+        `full_scale_dn` or `images` is not positive.
+    """
+    if not (np.isfinite(full_scale_dn) and full_scale_dn > 0):
+        raise ValueError(f"full_scale_dn is {full_scale_dn}; it must be finite and above 0.")
+    if images < 1:
+        raise ValueError(f"images is {images}; a sequence has at least 1 image.")
+    pixels = _valid_pixels(aspect, valid)
+    median = float(np.median(pixels, overwrite_input=True))
+    pixels -= median
+    np.abs(pixels, out=pixels)
+    robust_sigma = SIGMA_PER_MAD * float(np.median(pixels, overwrite_input=True))
+    one_image = full_scale_dn / images * (1 + ROUNDING)
+    return median + max(7 * robust_sigma, one_image, 0.02 * full_scale_dn)
+
+
+def segment(
+    aspect: GreyLevels, valid: Mask, threshold: float, *, min_area_px: int = 0
+) -> npt.NDArray[np.int32]:
+    """Label the blobs: the 8-connected sets of valid pixels above the threshold.
+
+    Parameters
+    ----------
+    aspect : (M, N) array
+        Aspect image, DN.
+    valid : (M, N) bool array
+        Pixels that lie on the part and see the light; no other is detected.
+    threshold : float
+        A pixel is detected if its grey level is above this, DN.
+    min_area_px : int
+        Blobs of fewer pixels are removed.
+
+    Returns
+    -------
+    (M, N) int32 array
+        Label image: 0 where nothing is detected, else 1 to the number of blobs without a gap, in
+        the order in which a row-by-row scan meets them.
+
+    Raises
+    ------
+    ValueError
+        If the shapes disagree, a valid pixel is not a finite number, or the threshold is NaN.
+    """
+    _check_grey_levels(aspect, valid)
+    if np.isnan(threshold):
+        raise ValueError("The threshold is not a number.")
+    detected = (aspect > threshold) & valid
+    labels: npt.NDArray[np.int32]
+    labels, blobs = ndimage.label(detected, structure=np.ones((3, 3), np.int8), output=np.int32)
+    if min_area_px > 1:
+        of_pixel = labels[detected]
+        kept = np.bincount(of_pixel, minlength=blobs + 1) >= min_area_px
+        labels[detected] = (np.cumsum(kept) * kept)[of_pixel]
+    return labels
+
+
+def check_label_image(name: str, labels: LabelImage, shape: tuple[int, ...] | None = None) -> None:
+    """Raise ValueError unless `labels` is an (M, N) array of integers from 0 (of this shape)."""
+    if labels.ndim != 2 or labels.dtype.kind not in "iu":
+        raise ValueError(
+            f"{name} must be an (M, N) array of integers, not {labels.dtype} of {labels.shape}."
+        )
+    if shape is not None and labels.shape != shape:
+        raise ValueError(f"{name} is {labels.shape} but the image beside it is {shape}.")
+    if labels.size and labels.min() < 0:
+        raise ValueError(f"{name} holds {labels.min()}; labels start at 0.")
+
+
+def check_mask(name: str, mask: Mask, shape: tuple[int, ...]) -> None:
+    """Raise ValueError unless `mask` is an array of bool of this shape."""
+    if mask.dtype != np.bool_ or mask.shape != shape:
+        raise ValueError(
+            f"{name} must be an array of bool of {shape}, not {mask.dtype} of {mask.shape}."
+        )
+
+
+def _check_grey_levels(aspect: GreyLevels, valid: Mask) -> None:
+    if aspect.ndim != 2 or aspect.dtype.kind not in "iuf":
+        raise ValueError(
+            f"aspect must be an (M, N) array of grey levels, not {aspect.dtype} of {aspect.shape}."
+        )
+    check_mask("valid", valid, aspect.shape)
+    bad = np.count_nonzero(~np.isfinite(aspect) & valid)
+    if bad:
+        raise ValueError(f"aspect is not a finite number at {bad} valid pixel(s).")
+
+
+def _valid_pixels(aspect: GreyLevels, valid: Mask) -> npt.NDArray[np.floating[Any]]:
+    """Return a new 1-d array of the valid pixels; float32 holds 8- and 16-bit levels exactly."""
+    _check_grey_levels(aspect, valid)
+    if not valid.any():
+        raise ValueError("No pixel is valid, so the flawless level is undefined.")
+    pixels: npt.NDArray[np.floating[Any]] = aspect[valid].astype(
+        np.result_type(aspect, np.float32), copy=False
+    )
+    return pixels

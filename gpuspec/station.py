@@ -1,0 +1,392 @@
+"""The inspection station: part, defects, tunnel, camera, sensor, sequence, as one file says it.
+
+Every key carries its unit. Every default is gpuspec's own choice: the paper (Seulin, Merienne,
+Gorria) prints no camera distance, stripe width or image count.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, PrivateAttr, ValidationError, model_validator
+
+from gpuspec.defects import Defect, Length, Population, Scratch, Section, Seed, Topography
+from gpuspec.errors import StationError
+from gpuspec.validation import explain
+
+class Part(Section):
+    """The part: its outline, shape, relief and reflectance."""
+
+    length_mm: Length = Field(200.0, description="along x, the direction in which the light moves")
+    width_mm: Length = Field(50.0, description="along y")
+    crown_radius_x_mm: Annotated[float, Field(ge=-1e7, le=1e7)] | None = Field(
+        None, description="radius of the crown along x, > 0 convex; none: flat"
+    )
+    crown_radius_y_mm: Annotated[float, Field(ge=-1e7, le=1e7)] | None = Field(
+        None, description="radius of the crown along y, > 0 convex; none: flat"
+    )
+    surface: Literal["orientation", "height"] = Field(
+        "orientation",
+        description="orientation: the ray meets z = 0, only the normal carries the shape "
+        "(the paper's); height: the ray meets the surface itself",
+    )
+    material: Literal[
+        "ideal", "aluminium", "silver", "gold", "copper", "chromium", "nickel", "iron", "lacquer"
+    ] = Field("ideal", description="Fresnel reflectance of this material; ideal: 1")
+    roughness_rad: float = Field(
+        0.0, ge=0, le=0.2, description="rms slope of micro-roughness; 0: the paper's mirror"
+    )
+    relief: Topography | None = Field(None, description="measured topography of the whole part")
+
+
+class Tunnel(Section):
+    """Luminous panels extruded along x, shaded by opaque stripes perpendicular to x."""
+
+    section: Literal["ceiling", "box", "arch"] = Field(
+        "ceiling", description="ceiling: plane; box: ceiling and two walls; arch: half cylinder"
+    )
+    height_mm: Length = Field(150.0, description="height of the ceiling (ceiling and box)")
+    width_mm: Length | None = Field(None, description="distance of the box's walls")
+    radius_mm: Length | None = Field(None, description="radius of the arch, about the x axis")
+    length_mm: Length = Field(1000.0, description="extent along x, centred on the part")
+    luminous_mm: Length = Field(4.0, description="width of the luminous stripes")
+    dark_mm: Length = Field(12.0, description="width of the dark stripes")
+    dark_leak: float = Field(
+        0.0, ge=0, lt=1, description="radiance of the dark stripes, luminous = 1"
+    )
+    opening_length_mm: float = Field(
+        0.0, ge=0, le=1e5, description="camera opening along x, above the origin; 0: none"
+    )
+    opening_width_mm: float = Field(0.0, ge=0, le=1e5, description="camera opening along y")
+
+    @property
+    def period_mm(self) -> float:
+        """Period P = a + b of the stripes."""
+        return self.luminous_mm + self.dark_mm
+
+    @property
+    def top_mm(self) -> float:
+        """Height of the tunnel's highest point above z = 0."""
+        return self.radius_mm or 0.0 if self.section == "arch" else self.height_mm
+
+
+class Camera(Section):
+    """A camera above the origin, looking down, focused on the part."""
+
+    height_mm: Length = Field(800.0, description="height of the pupil above z = 0")
+    sampling_mm: float = Field(0.05, ge=1e-5, le=1e3, description="distance of two pixels on z = 0")
+    pupil_mm: float = Field(3.0, ge=0, le=1e3, description="diameter of the lens pupil; 0: pinhole")
+    columns: Annotated[int, Field(gt=0, le=1_000_000)] | None = Field(
+        None, description="image width; none: the whole part"
+    )
+    rows: Annotated[int, Field(gt=0, le=1_000_000)] | None = Field(
+        None, description="image height; none: the whole part"
+    )
+    subsampling: int = Field(
+        1, ge=1, le=16, description="n x n sub-rays per pixel, each with its own footprint"
+    )
+    vignetting: Literal["none", "cos4"] = Field("none", description="fall-off over the field")
+
+
+class Sensor(Section):
+    """The sensor, in the words of EMVA 1288."""
+
+    bit_depth: Literal[8, 10, 12, 16] = Field(8, description="bits per pixel")
+    exposure: float = Field(
+        4.0, gt=0, le=1e4,
+        description="signal of a fully luminous footprint over saturation; > 1: the paper's way",
+    )
+    saturation_e: float = Field(10_000.0, gt=0, le=1e7, description="saturation capacity")
+    read_noise_e: float = Field(10.0, ge=0, le=1e5, description="rms temporal noise of the dark")
+    dark_e: float = Field(0.0, ge=0, le=1e6, description="mean dark signal")
+    prnu: float = Field(0.0, ge=0, lt=1, description="photo response non-uniformity, rms of gain 1")
+    dsnu_e: float = Field(0.0, ge=0, le=1e5, description="dark signal non-uniformity, rms")
+    black_level_dn: float = Field(0.0, ge=0, le=65535, description="grey level of no signal")
+    noise: bool = Field(False, description="true: shot, read and quantisation noise")
+    seed: Seed = Field(0, description="of the noise")
+
+    @property
+    def full_scale_dn(self) -> int:
+        """Highest grey level, 2^bits - 1."""
+        return int(2**self.bit_depth - 1)
+
+    @property
+    def gain_dn_per_e(self) -> float:
+        """System gain K: saturation reaches full scale."""
+        return (self.full_scale_dn - self.black_level_dn) / self.saturation_e
+
+
+class Sequence(Section):
+    """The images taken while the tunnel is translated, and what is made of them."""
+
+    images: int = Field(40, ge=1, le=100_000, description="number of images K")
+    step_mm: Length | None = Field(
+        None, description="translation between two images; none: period / images"
+    )
+    fusion: Literal["mean", "max", "min", "std", "differential"] = Field(
+        "mean", description="how the sequence becomes the aspect image; mean: the paper's"
+    )
+    lag: int = Field(1, ge=1, le=100_000, description="images between the pairs of differential")
+
+
+class Segmentation(Section):
+    """From the aspect image to blobs."""
+
+    threshold: Literal["auto"] | Annotated[float, Field(ge=0, le=65535)] = Field(
+        "auto", description="grey level above which a pixel is detected, or auto"
+    )
+    min_area_mm2: float = Field(0.0, ge=0, le=1e6, description="smaller blobs are dropped; 0: none")
+
+
+class ClassRule(Section):
+    """A class of blobs; the first rule that holds names the blob. Bounds are [from, to)."""
+
+    name: str = Field(min_length=1, max_length=60, description="of the class")
+    area_min_mm2: float | None = Field(None, ge=0, description="least area")
+    area_max_mm2: float | None = Field(None, ge=0, description="area below this")
+    weight_min_dn: float | None = Field(None, ge=0, description="least net weight")
+    weight_max_dn: float | None = Field(None, ge=0, description="net weight below this")
+    elongation_min: float | None = Field(None, ge=0, description="least ratio of the axes")
+    elongation_max: float | None = Field(None, ge=0, description="ratio of the axes below this")
+
+
+class Station(Section):
+    """One inspection station, whole and valid.
+
+    Raises
+    ------
+    StationError
+        From :meth:`read` and :meth:`parse`, one line per wrong value.
+    """
+
+    part: Part = Part()
+    tunnel: Tunnel = Tunnel()
+    camera: Camera = Camera()
+    sensor: Sensor = Sensor()
+    sequence: Sequence = Sequence()
+    defects: Annotated[tuple[Defect, ...], Field(strict=False)] = ()
+    populations: Annotated[tuple[Population, ...], Field(strict=False)] = ()
+    segmentation: Segmentation = Segmentation()
+    classes: Annotated[tuple[ClassRule, ...], Field(strict=False)] = ()
+
+    _folder: Path = PrivateAttr(default_factory=Path.cwd)
+    _file: str = PrivateAttr(default="station")
+
+    @classmethod
+    def read(cls, path: str | Path) -> Station:
+        """Read a station from a TOML file.
+
+        Parameters
+        ----------
+        path : str or Path
+            The station file; files named in it are found relative to its folder.
+
+        Returns
+        -------
+        Station
+
+        Raises
+        ------
+        StationError
+            File missing, not TOML, unknown key or impossible value; one sentence for each.
+        """
+        path = Path(path)
+        try:
+            text = path.read_bytes().decode("utf-8")
+        except FileNotFoundError:
+            raise StationError(
+                f"{path}: no such station file; `gpuspec init` writes one to start from."
+            ) from None
+        except (OSError, UnicodeDecodeError) as error:
+            raise StationError(f"{path}: cannot be read as UTF-8 text ({error}).") from None
+        return cls.parse(text, path.name, path.resolve().parent)
+
+    @classmethod
+    def parse(cls, text: str, file: str = "station", folder: str | Path = ".") -> Station:
+        """Build a station from TOML text; `file` names it in errors.
+
+        Raises
+        ------
+        StationError
+            As :meth:`read`.
+        """
+        try:
+            data = tomllib.loads(text)
+        except (tomllib.TOMLDecodeError, RecursionError) as error:
+            raise StationError(f"{file}: not a valid TOML file: {error}.") from None
+        return cls.from_dict(data, file, folder)
+
+    @classmethod
+    def from_dict(
+        cls, data: dict[str, Any], file: str = "station", folder: str | Path = "."
+    ) -> Station:
+        """Build a station from nested dictionaries as TOML gives them.
+
+        Raises
+        ------
+        StationError
+            As :meth:`read`.
+        """
+        try:
+            station = cls.model_validate(data)
+        except ValidationError as error:
+            raise StationError("\n".join(explain(error, cls, file))) from None
+        station._folder = Path(folder)
+        station._file = file
+        return station
+
+    def replace(self, **changes: Any) -> Station:
+        """Return a station with values changed by dotted path, e.g. ``{"tunnel.dark_mm": 8.0}``.
+
+        Keyword names use ``__`` for the dot: ``replace(tunnel__dark_mm=8.0)``.
+
+        Raises
+        ------
+        StationError
+            If the changed station is invalid.
+        """
+        data = self.as_dict()
+        for path, value in changes.items():
+            *sections, key = path.replace("__", ".").split(".")
+            target = data
+            for name in sections:
+                target = target.setdefault(name, {})
+            if value is None:
+                target.pop(key, None)
+            else:
+                target[key] = value
+        return type(self).from_dict(data, self._file, self._folder)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return nested plain values, keys with value none left out, as TOML holds them."""
+        return self.model_dump(exclude_none=True, mode="python")
+
+    def locate(self, file: str) -> Path:
+        """Return the path of a file named in the station, relative to the station's folder."""
+        return self._folder / file
+
+    @property
+    def file(self) -> str:
+        """Name of the file it was read from, for messages."""
+        return self._file
+
+    @cached_property
+    def shape(self) -> tuple[int, int]:
+        """Image shape (M, N) in pixels."""
+        step = self.camera.sampling_mm
+        return (
+            self.camera.rows or math.ceil(self.part.width_mm / step - 1e-6),
+            self.camera.columns or math.ceil(self.part.length_mm / step - 1e-6),
+        )
+
+    @property
+    def step_mm(self) -> float:
+        """Translation of the tunnel between two images."""
+        return self.sequence.step_mm or self.tunnel.period_mm / self.sequence.images
+
+    @property
+    def distinct_shifts(self) -> int | None:
+        """Number of distinct, equally spaced shifts that fill the period; None if they do not.
+
+        When K images of step s cover j whole periods, the shifts modulo the period are
+        K / gcd(j, K) equal steps: the closed form of the mean holds.
+        """
+        images = self.sequence.images
+        periods = images * self.step_mm / self.tunnel.period_mm
+        whole = round(periods)
+        if whole < 1 or abs(periods - whole) > 1e-9 * whole:
+            return None
+        return images // math.gcd(whole, images)
+
+    def height_range_mm(self) -> tuple[float, float]:
+        """Lowest and highest point of the part's shape (without relief), in mm."""
+        low = high = 0.0
+        for size, radius in (
+            (self.part.length_mm, self.part.crown_radius_x_mm),
+            (self.part.width_mm, self.part.crown_radius_y_mm),
+        ):
+            if radius:
+                edge = -(size / 2) ** 2 / radius / (1 + math.sqrt(1 - (size / 2 / radius) ** 2))
+                low, high = low + min(edge, 0), high + max(edge, 0)
+        return low, high
+
+    @model_validator(mode="after")
+    def _possible(self) -> Station:
+        part, tunnel, camera = self.part, self.tunnel, self.camera
+        for axis, size in (("x", part.length_mm), ("y", part.width_mm)):
+            radius = getattr(part, f"crown_radius_{axis}_mm")
+            side = "length_mm" if axis == "x" else "width_mm"
+            if radius is not None and abs(radius) <= size / 2:
+                raise ValueError(
+                    f"part.crown_radius_{axis}_mm = {radius:g} must be larger than half the "
+                    f"part's {side} ({size / 2:g}), or left out for a flat part"
+                )
+        high = self.height_range_mm()[1]
+        if tunnel.section == "arch":
+            if tunnel.radius_mm is None:
+                raise ValueError('tunnel.radius_mm is missing: section = "arch" needs it')
+            if math.hypot(part.width_mm / 2, max(high, 0)) >= tunnel.radius_mm:
+                raise ValueError(
+                    f"tunnel.radius_mm = {tunnel.radius_mm:g} must be larger than the part's "
+                    f"half width and height, {math.hypot(part.width_mm / 2, high):g}"
+                )
+        elif tunnel.height_mm <= high:
+            raise ValueError(
+                f"tunnel.height_mm = {tunnel.height_mm:g} must be above the part's highest "
+                f"point, {high:g}"
+            )
+        if tunnel.section == "box" and (tunnel.width_mm or 0) <= part.width_mm:
+            raise ValueError(
+                f"tunnel.width_mm = {tunnel.width_mm if tunnel.width_mm else 'none'} must be "
+                f'larger than part.width_mm = {part.width_mm:g} when section = "box"'
+            )
+        if camera.height_mm <= tunnel.top_mm:
+            key = "radius_mm" if tunnel.section == "arch" else "height_mm"
+            raise ValueError(
+                f"camera.height_mm = {camera.height_mm:g} must be above the tunnel, whose "
+                f"tunnel.{key} is {tunnel.top_mm:g}"
+            )
+        if (tunnel.opening_length_mm > 0) != (tunnel.opening_width_mm > 0):
+            raise ValueError(
+                "tunnel.opening_length_mm and tunnel.opening_width_mm must both be zero (no "
+                "opening) or both be larger than zero"
+            )
+        rows, columns = self.shape
+        if rows * columns > 2**31 - 1:
+            raise ValueError(
+                f"camera.sampling_mm = {camera.sampling_mm:g} makes an image of {columns} x {rows} "
+                f"pixels, more than 2,147,483,647; sample more coarsely or set camera.columns and "
+                f"camera.rows"
+            )
+        if self.sensor.black_level_dn >= self.sensor.full_scale_dn:
+            raise ValueError(
+                f"sensor.black_level_dn = {self.sensor.black_level_dn:g} must be below full scale, "
+                f"{self.sensor.full_scale_dn}"
+            )
+        threshold = self.segmentation.threshold
+        if threshold != "auto" and threshold >= self.sensor.full_scale_dn:
+            raise ValueError(
+                f"segmentation.threshold = {threshold:g} must be below full scale, "
+                f'{self.sensor.full_scale_dn}, or "auto"'
+            )
+        if self.sequence.fusion == "differential" and self.sequence.lag >= self.sequence.images:
+            raise ValueError(
+                f"sequence.lag = {self.sequence.lag} must be smaller than sequence.images = "
+                f"{self.sequence.images}"
+            )
+        for number, defect in enumerate(self.defects, 1):
+            points = (
+                defect.points_mm if isinstance(defect, Scratch) else ((defect.x_mm, defect.y_mm),)
+            )
+            for x, y in points:
+                if abs(x) > part.length_mm / 2 or abs(y) > part.width_mm / 2:
+                    raise ValueError(
+                        f"defects[{number}] ({defect.kind}) at ({x:g}, {y:g}) mm is outside the "
+                        f"part, which reaches ±{part.length_mm / 2:g} mm along x and "
+                        f"±{part.width_mm / 2:g} mm along y"
+                    )
+        return self

@@ -1,0 +1,119 @@
+"""Turns pydantic's errors into sentences that name file, key, value and what is allowed."""
+
+from __future__ import annotations
+
+import difflib
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+_ALLOWED = {
+    "greater_than": "must be greater than {gt:g}",
+    "greater_than_equal": "must be at least {ge:g}",
+    "less_than": "must be less than {lt:g}",
+    "less_than_equal": "must be at most {le:g}",
+    "finite_number": "must be a finite number",
+    "literal_error": "must be {expected}",
+    "float_type": "must be a number",
+    "int_type": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "bool_type": "must be true or false",
+    "string_type": "must be a text in quotes",
+    "string_too_short": "must not be empty",
+    "string_too_long": "must have at most {max_length} characters",
+    "too_short": "must have at least {min_length} entries",
+    "too_long": "must have at most {max_length} entries",
+    "tuple_type": "must be a list",
+    "model_type": "must be a table",
+    "model_attributes_type": "must be a table",
+    "union_tag_invalid": "must have one of the kinds {expected_tags}",
+    "union_tag_not_found": "must say its kind, such as kind = 'dent'",
+    "int_parsing_size": "is too large for a whole number",
+}
+
+
+def explain(error: ValidationError, model: type[BaseModel], file: str) -> list[str]:
+    """Return one sentence per wrong value.
+
+    Parameters
+    ----------
+    error : pydantic.ValidationError
+        What pydantic found.
+    model : type of BaseModel
+        The model that was validated, to look known keys up.
+    file : str
+        Named at the head of each sentence.
+    """
+    sentences: dict[str, str] = {}
+    for item in error.errors(include_url=False):
+        location = tuple(part for part in item["loc"] if not _is_branch(part))
+        key = _dotted(location)
+        head = f"{file}: {key}" if key else file
+        allowed = ""
+        if item["type"] == "value_error":
+            text = f"{head}: {item['ctx']['error']}."
+        elif item["type"] == "extra_forbidden":
+            text = f"{head} is not a known key{_suggestion(item['loc'], model)}."
+        elif item["type"] == "missing":
+            text = f"{head} is missing."
+        else:
+            template = _ALLOWED.get(item["type"])
+            context = dict(item.get("ctx", {}))
+            allowed = template.format(**context) if template else item["msg"]
+            text = f"{head} = {_short(item['input'])} {allowed}."
+        # A union such as "auto" | number reports every branch; the last says what else is allowed.
+        if head in sentences and item["type"] not in ("extra_forbidden", "missing"):
+            text = f"{sentences[head].rstrip('.')}, or {allowed}." if allowed else text
+        sentences[text if key == "" else head] = text
+    return list(sentences.values())
+
+
+def _is_branch(part: int | str) -> bool:
+    """Whether a step of the location is pydantic's name for a branch of a union, not a key."""
+    kinds = {"dent", "bump", "scratch", "measured", "float", "int", "constrained-float"}
+    return isinstance(part, str) and (part in kinds or "[" in part or "(" in part)
+
+
+def _dotted(location: tuple[int | str, ...]) -> str:
+    text = ""
+    for part in location:
+        text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else part
+    return text
+
+
+def _short(value: Any) -> str:
+    text = "{...}" if isinstance(value, dict) else repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _suggestion(location: tuple[int | str, ...], model: type[BaseModel]) -> str:
+    known = _keys_beside(location, model)
+    wrong = str(location[-1])
+    close = difflib.get_close_matches(wrong, known, n=1, cutoff=0.5)
+    close += [key for key in known if key.split("_")[0] == wrong.split("_")[0]]
+    return f" (did you mean {close[0]}?)" if close else f"; known here are {', '.join(known)}"
+
+
+def _keys_beside(location: tuple[int | str, ...], model: type[BaseModel]) -> list[str]:
+    """Keys of the (sub)model in which the unknown key stands."""
+    current: list[type[BaseModel]] = [model]
+    for part in location[:-1]:
+        if isinstance(part, int):
+            continue
+        fields = [m.model_fields[part].annotation for m in current if part in m.model_fields]
+        if fields:
+            current = [m for f in fields for m in _models(f)]
+        else:  # the tag of a union: keep the models of that kind
+            current = [
+                m
+                for m in current
+                if "kind" not in m.model_fields
+                or part in get_args(m.model_fields["kind"].annotation)
+            ]
+    return sorted({name for m in current for name in m.model_fields})
+
+
+def _models(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [m for argument in get_args(annotation) for m in _models(argument)]

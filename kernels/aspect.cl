@@ -1,0 +1,14 @@
+/* The aspect image in closed form: the same cost for 8 images as for 800. */
+#include "portable.h"
+#include "station.h"
+#include "stripes.h"
+
+__kernel void aspect(__global float *mean, __global const float *light,
+                     __global const float *footprint, __global const float *irradiance,
+                     __constant Design *design) {
+    Design d = *design;
+    size_t at = get_global_id(0) * WIDTH;
+    STORE(d.sensor.y * mean_over_scan(LOAD(light, at), LOAD(footprint, at), LOAD(irradiance, at),
+                                      d.stripes.x, d.stripes.y, d.sequence.z, d.sensor.x,
+                                      d.stripes.z), mean, at);
+}

@@ -1,0 +1,60 @@
+/* The few words in which OpenCL C and GLSL differ, and the width of a value.
+
+   REAL is one value of a pixel: `float` on a GPU and in GLSL, `float8` (eight neighbouring
+   pixels of a row) in OpenCL on a CPU, where PoCL does not vectorise loops by itself. The physics
+   in the other headers is written once, in the common subset: pure functions of values,
+   structs returned, `f` on every literal, no address space, no name that GLSL owns. */
+#ifndef PORTABLE_H
+#define PORTABLE_H
+
+#ifdef GPUSPEC_GLSL
+
+#define DEVICE
+#define STRUCT(name) struct name
+#define REAL float
+#define COUNTER uint
+#define MASK bool
+#define ANY(mask) (mask)
+#define TO_REAL(x) float(x)
+#define TO_COUNTER(x) uint(x)
+#define FLOAT(i) float(i)
+#define float2 vec2
+#define float3 vec3
+#define float4 vec4
+#define fabs abs
+#define fmin min
+#define fmax max
+#define rint roundEven
+
+#else
+
+#define DEVICE static inline
+#define FLOAT(i) ((float)(i))
+#define STRUCT(name) typedef struct name name; struct name
+#if WIDTH == 8
+#define REAL float8
+#define COUNTER uint8
+#define MASK int8
+#define ANY(mask) any(mask)
+#define TO_REAL(x) convert_float8(x)
+#define TO_COUNTER(x) convert_uint8(x)
+#define LANES ((float8)(0.0f, 1.0f, 2.0f, 3.0f, 4.0f, 5.0f, 6.0f, 7.0f))
+#define LOAD(p, i) vload8(0, (p) + (i))
+#define STORE(v, p, i) vstore8(v, 0, (p) + (i))
+#define GATHER(p, i) ((float8)((p)[(i).s0], (p)[(i).s1], (p)[(i).s2], (p)[(i).s3], \
+                               (p)[(i).s4], (p)[(i).s5], (p)[(i).s6], (p)[(i).s7]))
+#else
+#define REAL float
+#define COUNTER uint
+#define MASK int
+#define ANY(mask) (mask)
+#define TO_REAL(x) convert_float(x)
+#define TO_COUNTER(x) convert_uint(x)
+#define LANES 0.0f
+#define LOAD(p, i) (p)[i]
+#define STORE(v, p, i) (p)[i] = (v)
+#define GATHER(p, i) (p)[i]
+#endif
+
+#endif
+#endif

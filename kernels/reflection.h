@@ -1,0 +1,207 @@
+/* From a pixel to the light: camera ray, law of reflection, tunnel, footprint. */
+#ifndef REFLECTION_H
+#define REFLECTION_H
+
+/* Why a ray sees no light. */
+#define LOST_NOT 0.0f
+#define LOST_BESIDE 1.0f
+#define LOST_DOWN 2.0f
+#define LOST_END 3.0f
+#define LOST_OPENING 4.0f
+
+/* Smallest footprint on the light, in mm: a point-sampled pixel, kept finite. */
+#define FOOTPRINT_MIN 1e-4f
+
+STRUCT(Vector) {
+    REAL x;
+    REAL y;
+    REAL z;
+};
+
+DEVICE Vector vector(REAL x, REAL y, REAL z) {
+    Vector v;
+    v.x = x;
+    v.y = y;
+    v.z = z;
+    return v;
+}
+
+DEVICE REAL inner(Vector a, Vector b) {
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+
+/* a + k b */
+DEVICE Vector along(Vector a, REAL k, Vector b) {
+    return vector(a.x + k * b.x, a.y + k * b.y, a.z + k * b.z);
+}
+
+DEVICE Vector scaled(REAL k, Vector a) {
+    return vector(k * a.x, k * a.y, k * a.z);
+}
+
+/* Unit vector n/|n| and, for a change dn, its change (dn - N (N.dn)) / |n|. */
+DEVICE Vector unit_change(Vector unit, REAL size, Vector change) {
+    return scaled(1.0f / size, along(change, -inner(unit, change), unit));
+}
+
+/* Normal N = (-dz/dx, -dz/dy, 1), not yet a unit vector. */
+DEVICE Vector surface_normal(Surface s) {
+    return vector(-s.slope_x, -s.slope_y, 1.0f + 0.0f * s.slope_x);
+}
+
+/* Law of reflection R = I - 2 (I.N) N. */
+DEVICE Vector reflect_direction(Vector incident, Vector normal) {
+    return along(incident, -2.0f * inner(incident, normal), normal);
+}
+
+/* Its change: dR = dI - 2 [(I.N) dN + (dI.N + I.dN) N].
+   H. Igehy, Tracing ray differentials, SIGGRAPH 1999, eq. 14. */
+DEVICE Vector reflect_change(Vector incident, Vector normal, Vector d_incident, Vector d_normal) {
+    Vector d = along(d_incident, -2.0f * inner(incident, normal), d_normal);
+    return along(d, -2.0f * (inner(d_incident, normal) + inner(incident, d_normal)), normal);
+}
+
+/* One Newton step for the height z at which the ray through (x0, y0, 0) meets the surface:
+   the ray passes (x0 k, y0 k, z), k = 1 - z/h. */
+DEVICE REAL newton_height(REAL z, Surface s, REAL x0, REAL y0, float h) {
+    return z - (z - s.height) / (1.0f + (s.slope_x * x0 + s.slope_y * y0) / h);
+}
+
+/* Change of the surface point when the ray's point on z = 0 moves by (dx, dy); on a
+   height surface the point keeps to the surface. */
+DEVICE Vector surface_change(Surface s, REAL x0, REAL y0, REAL z, float h, float dx, float dy) {
+    REAL k = 1.0f - z / h;
+    REAL dz = (s.slope_x * dx + s.slope_y * dy) * k / (1.0f + (s.slope_x * x0 + s.slope_y * y0) / h);
+    return vector(k * dx - x0 * dz / h, k * dy - y0 * dz / h, dz);
+}
+
+/* Where a ray from `origin` meets the tunnel: path t and the tunnel's normal there. */
+STRUCT(Hit) {
+    REAL path;
+    Vector normal;
+};
+
+/* Ceiling: the plane z = H. */
+DEVICE Hit hit_ceiling(Vector origin, Vector ray, float height) {
+    Hit hit;
+    hit.path = (height - origin.z) / fmax(ray.z, 1e-6f);
+    hit.normal = vector(0.0f * ray.z, 0.0f * ray.z, 1.0f + 0.0f * ray.z);
+    return hit;
+}
+
+/* Box: the ceiling and the walls y = +-w, whichever comes first. */
+DEVICE Hit hit_box(Vector origin, Vector ray, float height, float half_width) {
+    Hit hit = hit_ceiling(origin, ray, height);
+    REAL side = (ray.y < 0.0f ? -1.0f + 0.0f * ray.y : 1.0f + 0.0f * ray.y);
+    REAL wall = (half_width - side * origin.y) / fmax(side * ray.y, 1e-9f);
+    MASK first = wall < hit.path;
+    hit.path = fmin(wall, hit.path);
+    hit.normal.y = first ? side : hit.normal.y;
+    hit.normal.z = first ? 0.0f * side : hit.normal.z;
+    return hit;
+}
+
+/* Arch: the half cylinder y^2 + z^2 = radius^2. */
+DEVICE Hit hit_arch(Vector origin, Vector ray, float radius) {
+    REAL a = fmax(ray.y * ray.y + ray.z * ray.z, 1e-12f);
+    REAL b = origin.y * ray.y + origin.z * ray.z;
+    REAL c = origin.y * origin.y + origin.z * origin.z - radius * radius;
+    Hit hit;
+    hit.path = (sqrt(fmax(b * b - a * c, 0.0f)) - b) / a;
+    hit.normal = vector(0.0f * b, (origin.y + hit.path * ray.y) / radius,
+                        (origin.z + hit.path * ray.z) / radius);
+    return hit;
+}
+
+DEVICE Hit hit_tunnel(Vector origin, Vector ray, float4 tunnel) {
+    if (tunnel.x == 2.0f) {
+        return hit_arch(origin, ray, tunnel.y);
+    }
+    if (tunnel.x == 1.0f) {
+        return hit_box(origin, ray, tunnel.y, tunnel.z);
+    }
+    return hit_ceiling(origin, ray, tunnel.y);
+}
+
+/* Fresnel reflectance of unpolarised light on a medium n - ik, at the cosine of the angle of
+   incidence. M. Born, E. Wolf, Principles of Optics, 14.2; 1 where n = k = 0 (ideal mirror). */
+DEVICE REAL fresnel_reflectance(REAL cosine, float n, float k) {
+    if (n == 0.0f && k == 0.0f) {
+        return 1.0f + 0.0f * cosine;
+    }
+    REAL c2 = cosine * cosine;
+    REAL s2 = 1.0f - c2;
+    REAL t0 = (n * n - k * k) - s2;
+    REAL modulus = sqrt(t0 * t0 + 4.0f * n * n * k * k);
+    REAL t1 = modulus + c2;
+    REAL t2 = 2.0f * cosine * sqrt(fmax(0.5f * (modulus + t0), 0.0f));
+    REAL rs = (t1 - t2) / (t1 + t2);
+    REAL t3 = c2 * modulus + s2 * s2;
+    REAL t4 = t2 * s2;
+    return 0.5f * rs * (1.0f + (t3 - t4) / (t3 + t4));
+}
+
+/* What one ray knows of the light: the light map's entry. */
+STRUCT(Sight) {
+    REAL light;      /* light coordinate l, mm */
+    REAL footprint;  /* width w of the box on the light, mm */
+    REAL irradiance; /* relative: reflectance x vignetting, 0 where lost */
+    REAL lost;       /* LOST_... */
+};
+
+/* One ray whole: the surface `s` at the point S = (x0, y0, 0) k + (0, 0, z), k = 1 - z/h, through
+   which the camera ray of (x0, y0, 0) passes. Footprint: w^2 is the sum of the squares of
+   the changes of l over one pixel along columns and rows (ray differentials), of the pupil's
+   box (sqrt(3)/2) D t/|S - O| and of the roughness' box sqrt(12) 2 alpha t: each the box of the
+   same variance as the true kernel. */
+DEVICE Sight sight(Geometry g, Surface s, REAL x0, REAL y0, REAL z) {
+    float h = g.camera.x;
+    float p = g.camera.z / g.camera.w;
+    REAL k = 1.0f - z / h;
+    Vector point = vector(x0 * k, y0 * k, z);
+    Vector view = vector(point.x, point.y, z - h);
+    REAL viewing = sqrt(inner(view, view));
+    Vector incident = scaled(1.0f / viewing, view);
+    Vector upright = surface_normal(s);
+    REAL upright_length = sqrt(inner(upright, upright));
+    Vector normal = scaled(1.0f / upright_length, upright);
+    Vector ray = reflect_direction(incident, normal);
+    Hit hit = hit_tunnel(point, ray, g.tunnel);
+    REAL square = 0.0f * x0;
+    for (int axis = 0; axis < 2; axis++) {
+        float dx = (axis == 0) ? p : 0.0f;
+        Vector dp = surface_change(s, x0, y0, z, h, dx, p - dx);
+        Vector di = unit_change(incident, viewing, dp);
+        Vector dn = vector(-(s.curve_xx * dp.x + s.curve_xy * dp.y),
+                           -(s.curve_xy * dp.x + s.curve_yy * dp.y), 0.0f * x0);
+        Vector dr = reflect_change(incident, normal, di, unit_change(normal, upright_length, dn));
+        Vector moved = along(dp, hit.path, dr);
+        REAL facing = inner(hit.normal, ray);
+        REAL dt = -inner(hit.normal, moved) / fmax(facing, 1e-6f);
+        REAL dl = moved.x + dt * ray.x;
+        square += dl * dl;
+    }
+    REAL pupil = 0.8660254f * g.camera.y * hit.path / viewing;
+    REAL rough = 6.9282032f * g.opening.w * hit.path;
+    Sight v;
+    v.light = point.x + hit.path * ray.x;
+    v.footprint = fmax(sqrt(square + pupil * pupil + rough * rough), FOOTPRINT_MIN);
+    REAL across = point.y + hit.path * ray.y;
+    MASK opening = fabs(v.light) <= g.opening.x && fabs(across) <= g.opening.y
+                   && hit.normal.z > 0.0f && g.opening.x > 0.0f + 0.0f * x0;
+    REAL lost = (opening ? LOST_OPENING + 0.0f * x0 : LOST_NOT + 0.0f * x0);
+    lost = (fabs(v.light) > g.tunnel.w ? LOST_END + 0.0f * x0 : lost);
+    lost = (ray.z <= 0.0f ? LOST_DOWN + 0.0f * x0 : lost);
+    MASK beside = fabs(point.x) > g.part.x || fabs(point.y) > g.part.y;
+    v.lost = (beside ? LOST_BESIDE + 0.0f * x0 : lost);
+    REAL cosine = h / sqrt(x0 * x0 + y0 * y0 + h * h);
+    REAL field = (g.image.w > 0.0f) ? cosine * cosine * cosine * cosine : 1.0f + 0.0f * x0;
+    REAL seen = field * fresnel_reflectance(fabs(inner(incident, normal)), g.material.x, g.material.y);
+    MASK lit = v.lost == 0.0f;
+    v.irradiance = (lit ? seen : 0.0f * x0);
+    v.light = (lit ? v.light : 0.0f * x0);
+    v.footprint = (lit ? v.footprint : 1.0f + 0.0f * x0);
+    return v;
+}
+
+#endif

@@ -1,0 +1,99 @@
+/* The sensor, in the words of EMVA 1288, and random numbers that belong to a pixel. */
+#ifndef SENSOR_H
+#define SENSOR_H
+
+/* Below this mean, Poisson numbers are exact (inversion of the distribution function with
+   POISSON_TERMS terms); above it they are Gaussian of the same mean and variance, rounded. */
+#define POISSON_EXACT 16.0f
+#define POISSON_TERMS 44
+
+/* Image number of the maps that do not change from image to image (PRNU, DSNU). */
+#define FIXED_PATTERN 0xffffffffu
+
+STRUCT(Words) {
+    COUNTER a;
+    COUNTER b;
+    COUNTER c;
+    COUNTER d;
+};
+
+/* pcg4d: four random words from a counter of four, with 32-bit operations only.
+   M. Jarzynski, M. Olano, Hash functions for GPU rendering, JCGT 9(3), 2020. */
+DEVICE Words random_words(COUNTER column, COUNTER row, COUNTER image, COUNTER seed) {
+    Words v;
+    v.a = column * 1664525u + 1013904223u;
+    v.b = row * 1664525u + 1013904223u;
+    v.c = image * 1664525u + 1013904223u;
+    v.d = seed * 1664525u + 1013904223u;
+    v.a += v.b * v.d;
+    v.b += v.c * v.a;
+    v.c += v.a * v.b;
+    v.d += v.b * v.c;
+    v.a ^= v.a >> 16u;
+    v.b ^= v.b >> 16u;
+    v.c ^= v.c >> 16u;
+    v.d ^= v.d >> 16u;
+    v.a += v.b * v.d;
+    v.b += v.c * v.a;
+    v.c += v.a * v.b;
+    v.d += v.b * v.c;
+    return v;
+}
+
+/* Uniform in (0, 1), ends excluded: the 23 high bits, in the middle of their step. */
+DEVICE REAL uniform_number(COUNTER word) {
+    return (TO_REAL(word >> 9u) + 0.5f) * 1.1920929e-7f;
+}
+
+/* Two independent standard normal numbers (Box and Muller, 1958). */
+STRUCT(Normals) {
+    REAL first;
+    REAL second;
+};
+
+DEVICE Normals normal_numbers(COUNTER word, COUNTER other) {
+    REAL radius = sqrt(-2.0f * log(uniform_number(word)));
+    REAL angle = 6.2831853f * uniform_number(other);
+    Normals n;
+    n.first = radius * cos(angle);
+    n.second = radius * sin(angle);
+    return n;
+}
+
+/* Poisson number of mean mu, from a uniform and a normal number; bounded work. */
+DEVICE REAL poisson_number(REAL mu, REAL uniform_, REAL normal) {
+    REAL many = fmax(floor(mu + sqrt(mu) * normal + 0.5f), 0.0f);
+    MASK few = mu < POISSON_EXACT;
+    if (!ANY(few && mu > 0.0f)) {
+        return many;
+    }
+    REAL term = exp(-fmin(mu, POISSON_EXACT));
+    REAL sum = term;
+    REAL count = 0.0f * mu;
+    for (int i = 1; i <= POISSON_TERMS; i++) {
+        count += (uniform_ > sum ? 1.0f + 0.0f * mu : 0.0f * mu);
+        term *= mu / FLOAT(i);
+        sum += term;
+    }
+    return few ? count : many;
+}
+
+/* Noise-free grey level: y = full scale x min(E, 1). */
+DEVICE REAL saturated(REAL signal, float full_scale) {
+    return full_scale * fmin(signal, 1.0f);
+}
+
+/* Grey level of one pixel of one image with noise: electrons n ~ Poisson(mu_sat E + dark), plus
+   N(0, sigma_d), clipped at saturation; y = clip(round(K n + black level), 0, full scale), quantised
+   once. PRNU and DSNU scale and shift each pixel the same way in every image. */
+DEVICE REAL noisy_grey_level(REAL signal, Normals pattern, Words words, float4 sensor, float4 dark) {
+    REAL mu = sensor.z * signal * fmax(1.0f + dark.z * pattern.first, 0.0f)
+              + fmax(dark.x + dark.y * pattern.second, 0.0f);
+    Normals normal = normal_numbers(words.b, words.c);
+    REAL electrons = poisson_number(mu, uniform_number(words.a), normal.first)
+                     + sensor.w * normal.second;
+    float gain = (sensor.y - dark.w) / sensor.z;
+    return clamp(rint(gain * fmin(electrons, sensor.z) + dark.w), 0.0f, sensor.y);
+}
+
+#endif
