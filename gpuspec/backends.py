@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -178,4 +178,38 @@ def _open(name: str, device: str | None) -> Backend:
     raise BackendError(f"backend {name!r} is not known; choose one of auto, {', '.join(BACKENDS)}.")
 
 
-BackendName = Literal["auto", "opencl", "numpy"]
+
+@dataclass(frozen=True)
+class Found:
+    """A line of `gpuspec devices`: a device, or why a backend is absent."""
+
+    backend: str
+    info: DeviceInfo | None
+    number: int
+    remark: str
+
+
+def survey() -> list[Found]:
+    """Return every device of every backend, what `auto` takes, and why backends are absent."""
+    found: list[Found] = []
+    chosen = False
+    for name in BACKENDS:
+        try:
+            infos = _devices(name)
+        except BackendError as error:
+            found.append(Found(name, None, 0, f"absent: {error}"))
+            continue
+        for number, info in enumerate(infos):
+            found.append(Found(name, info, number, "" if chosen else "chosen by auto"))
+            chosen = True
+    return found
+
+
+def _devices(name: str) -> list[DeviceInfo]:
+    if name == "opencl":
+        from gpuspec import opencl
+
+        return [opencl.describe(device) for device in opencl.devices()]
+    from gpuspec.reference import NumpyBackend
+
+    return [NumpyBackend().info]

@@ -81,7 +81,7 @@ def design_block(station: Station) -> NDArray[np.float32]:
     tunnel, sensor, sequence = station.tunnel, station.sensor, station.sequence
     return np.array(
         [
-            [tunnel.luminous_mm, tunnel.period_mm, tunnel.dark_leak, 0],
+            [tunnel.luminous_mm / tunnel.period_mm, 1 / tunnel.period_mm, tunnel.dark_leak, 0],
             [
                 sequence.images,
                 station.step_mm / tunnel.period_mm,

@@ -8,7 +8,8 @@ __kernel void aspect(__global float *mean, __global const float *light,
                      __constant Design *design) {
     Design d = *design;
     size_t at = get_global_id(0) * WIDTH;
-    STORE(d.sensor.y * mean_over_scan(LOAD(light, at), LOAD(footprint, at), LOAD(irradiance, at),
-                                      d.stripes.x, d.stripes.y, d.sequence.z, d.sensor.x,
-                                      d.stripes.z), mean, at);
+    Trapezoid t = exposed(lit_fraction(LOAD(light, at) * d.stripes.y,
+                                       LOAD(footprint, at) * d.stripes.y, d.stripes.x),
+                          LOAD(irradiance, at), d.sensor.x, d.stripes.z);
+    STORE(d.sensor.y * mean_over_scan(t, d.sequence.z), mean, at);
 }

@@ -46,7 +46,7 @@ DEVICE Vector unit_change(Vector unit, REAL size, Vector change) {
 
 /* Normal N = (-dz/dx, -dz/dy, 1), not yet a unit vector. */
 DEVICE Vector surface_normal(Surface s) {
-    return vector(-s.slope_x, -s.slope_y, 1.0f + 0.0f * s.slope_x);
+    return vector(-s.slope_x, -s.slope_y, 1.0f);
 }
 
 /* Law of reflection R = I - 2 (I.N) N. */
@@ -67,11 +67,13 @@ DEVICE REAL newton_height(REAL z, Surface s, REAL x0, REAL y0, float h) {
     return z - (z - s.height) / (1.0f + (s.slope_x * x0 + s.slope_y * y0) / h);
 }
 
-/* Change of the surface point when the ray's point on z = 0 moves by (dx, dy); on a
-   height surface the point keeps to the surface. */
-DEVICE Vector surface_change(Surface s, REAL x0, REAL y0, REAL z, float h, float dx, float dy) {
+/* Change of the surface point when the ray's point on z = 0 moves by (dx, dy): on a height
+   surface (`rises` = 1) it keeps to the surface, else (0) to z = 0. */
+DEVICE Vector surface_change(Surface s, REAL x0, REAL y0, REAL z, float h, float dx, float dy,
+                             float rises) {
     REAL k = 1.0f - z / h;
-    REAL dz = (s.slope_x * dx + s.slope_y * dy) * k / (1.0f + (s.slope_x * x0 + s.slope_y * y0) / h);
+    REAL dz = rises * (s.slope_x * dx + s.slope_y * dy) * k
+              / (1.0f + (s.slope_x * x0 + s.slope_y * y0) / h);
     return vector(k * dx - x0 * dz / h, k * dy - y0 * dz / h, dz);
 }
 
@@ -84,31 +86,31 @@ STRUCT(Hit) {
 /* Ceiling: the plane z = H. */
 DEVICE Hit hit_ceiling(Vector origin, Vector ray, float height) {
     Hit hit;
-    hit.path = (height - origin.z) / fmax(ray.z, 1e-6f);
-    hit.normal = vector(0.0f * ray.z, 0.0f * ray.z, 1.0f + 0.0f * ray.z);
+    hit.path = (height - origin.z) / max(ray.z, 1e-6f);
+    hit.normal = vector(0.0f, 0.0f, 1.0f);
     return hit;
 }
 
 /* Box: the ceiling and the walls y = +-w, whichever comes first. */
 DEVICE Hit hit_box(Vector origin, Vector ray, float height, float half_width) {
     Hit hit = hit_ceiling(origin, ray, height);
-    REAL side = (ray.y < 0.0f ? -1.0f + 0.0f * ray.y : 1.0f + 0.0f * ray.y);
-    REAL wall = (half_width - side * origin.y) / fmax(side * ray.y, 1e-9f);
+    REAL side = (ray.y < 0.0f ? -1.0f : 1.0f);
+    REAL wall = (half_width - side * origin.y) / max(side * ray.y, 1e-9f);
     MASK first = wall < hit.path;
-    hit.path = fmin(wall, hit.path);
+    hit.path = min(wall, hit.path);
     hit.normal.y = first ? side : hit.normal.y;
-    hit.normal.z = first ? 0.0f * side : hit.normal.z;
+    hit.normal.z = first ? 0.0f : hit.normal.z;
     return hit;
 }
 
 /* Arch: the half cylinder y^2 + z^2 = radius^2. */
 DEVICE Hit hit_arch(Vector origin, Vector ray, float radius) {
-    REAL a = fmax(ray.y * ray.y + ray.z * ray.z, 1e-12f);
+    REAL a = max(ray.y * ray.y + ray.z * ray.z, 1e-12f);
     REAL b = origin.y * ray.y + origin.z * ray.z;
     REAL c = origin.y * origin.y + origin.z * origin.z - radius * radius;
     Hit hit;
-    hit.path = (sqrt(fmax(b * b - a * c, 0.0f)) - b) / a;
-    hit.normal = vector(0.0f * b, (origin.y + hit.path * ray.y) / radius,
+    hit.path = (sqrt(max(b * b - a * c, 0.0f)) - b) / a;
+    hit.normal = vector(0.0f, (origin.y + hit.path * ray.y) / radius,
                         (origin.z + hit.path * ray.z) / radius);
     return hit;
 }
@@ -127,14 +129,14 @@ DEVICE Hit hit_tunnel(Vector origin, Vector ray, float4 tunnel) {
    incidence. M. Born, E. Wolf, Principles of Optics, 14.2; 1 where n = k = 0 (ideal mirror). */
 DEVICE REAL fresnel_reflectance(REAL cosine, float n, float k) {
     if (n == 0.0f && k == 0.0f) {
-        return 1.0f + 0.0f * cosine;
+        return 1.0f;
     }
     REAL c2 = cosine * cosine;
     REAL s2 = 1.0f - c2;
     REAL t0 = (n * n - k * k) - s2;
     REAL modulus = sqrt(t0 * t0 + 4.0f * n * n * k * k);
     REAL t1 = modulus + c2;
-    REAL t2 = 2.0f * cosine * sqrt(fmax(0.5f * (modulus + t0), 0.0f));
+    REAL t2 = 2.0f * cosine * sqrt(max(0.5f * (modulus + t0), 0.0f));
     REAL rs = (t1 - t2) / (t1 + t2);
     REAL t3 = c2 * modulus + s2 * s2;
     REAL t4 = t2 * s2;
@@ -167,17 +169,17 @@ DEVICE Sight sight(Geometry g, Surface s, REAL x0, REAL y0, REAL z) {
     Vector normal = scaled(1.0f / upright_length, upright);
     Vector ray = reflect_direction(incident, normal);
     Hit hit = hit_tunnel(point, ray, g.tunnel);
-    REAL square = 0.0f * x0;
+    REAL square = 0.0f;
     for (int axis = 0; axis < 2; axis++) {
         float dx = (axis == 0) ? p : 0.0f;
-        Vector dp = surface_change(s, x0, y0, z, h, dx, p - dx);
+        Vector dp = surface_change(s, x0, y0, z, h, dx, p - dx, g.image.z);
         Vector di = unit_change(incident, viewing, dp);
         Vector dn = vector(-(s.curve_xx * dp.x + s.curve_xy * dp.y),
-                           -(s.curve_xy * dp.x + s.curve_yy * dp.y), 0.0f * x0);
+                           -(s.curve_xy * dp.x + s.curve_yy * dp.y), 0.0f);
         Vector dr = reflect_change(incident, normal, di, unit_change(normal, upright_length, dn));
         Vector moved = along(dp, hit.path, dr);
         REAL facing = inner(hit.normal, ray);
-        REAL dt = -inner(hit.normal, moved) / fmax(facing, 1e-6f);
+        REAL dt = -inner(hit.normal, moved) / max(facing, 1e-6f);
         REAL dl = moved.x + dt * ray.x;
         square += dl * dl;
     }
@@ -185,22 +187,22 @@ DEVICE Sight sight(Geometry g, Surface s, REAL x0, REAL y0, REAL z) {
     REAL rough = 6.9282032f * g.opening.w * hit.path;
     Sight v;
     v.light = point.x + hit.path * ray.x;
-    v.footprint = fmax(sqrt(square + pupil * pupil + rough * rough), FOOTPRINT_MIN);
+    v.footprint = max(sqrt(square + pupil * pupil + rough * rough), FOOTPRINT_MIN);
     REAL across = point.y + hit.path * ray.y;
     MASK opening = fabs(v.light) <= g.opening.x && fabs(across) <= g.opening.y
-                   && hit.normal.z > 0.0f && g.opening.x > 0.0f + 0.0f * x0;
-    REAL lost = (opening ? LOST_OPENING + 0.0f * x0 : LOST_NOT + 0.0f * x0);
-    lost = (fabs(v.light) > g.tunnel.w ? LOST_END + 0.0f * x0 : lost);
-    lost = (ray.z <= 0.0f ? LOST_DOWN + 0.0f * x0 : lost);
+                   && hit.normal.z > 0.0f && g.opening.x > 0.0f;
+    REAL lost = (opening ? LOST_OPENING : LOST_NOT);
+    lost = (fabs(v.light) > g.tunnel.w ? LOST_END : lost);
+    lost = (ray.z <= 0.0f ? LOST_DOWN : lost);
     MASK beside = fabs(point.x) > g.part.x || fabs(point.y) > g.part.y;
-    v.lost = (beside ? LOST_BESIDE + 0.0f * x0 : lost);
+    v.lost = (beside ? LOST_BESIDE : lost);
     REAL cosine = h / sqrt(x0 * x0 + y0 * y0 + h * h);
-    REAL field = (g.image.w > 0.0f) ? cosine * cosine * cosine * cosine : 1.0f + 0.0f * x0;
+    REAL field = (g.image.w > 0.0f) ? cosine * cosine * cosine * cosine : 1.0f;
     REAL seen = field * fresnel_reflectance(fabs(inner(incident, normal)), g.material.x, g.material.y);
     MASK lit = v.lost == 0.0f;
-    v.irradiance = (lit ? seen : 0.0f * x0);
-    v.light = (lit ? v.light : 0.0f * x0);
-    v.footprint = (lit ? v.footprint : 1.0f + 0.0f * x0);
+    v.irradiance = (lit ? seen : 0.0f);
+    v.light = (lit ? v.light : 0.0f);
+    v.footprint = (lit ? v.footprint : 1.0f);
     return v;
 }
 

@@ -62,16 +62,16 @@ DEVICE Normals normal_numbers(COUNTER word, COUNTER other) {
 
 /* Poisson number of mean mu, from a uniform and a normal number; bounded work. */
 DEVICE REAL poisson_number(REAL mu, REAL uniform_, REAL normal) {
-    REAL many = fmax(floor(mu + sqrt(mu) * normal + 0.5f), 0.0f);
+    REAL many = max(floor(mu + sqrt(mu) * normal + 0.5f), 0.0f);
     MASK few = mu < POISSON_EXACT;
     if (!ANY(few && mu > 0.0f)) {
         return many;
     }
-    REAL term = exp(-fmin(mu, POISSON_EXACT));
+    REAL term = exp(-min(mu, POISSON_EXACT));
     REAL sum = term;
-    REAL count = 0.0f * mu;
+    REAL count = 0.0f;
     for (int i = 1; i <= POISSON_TERMS; i++) {
-        count += (uniform_ > sum ? 1.0f + 0.0f * mu : 0.0f * mu);
+        count += (uniform_ > sum ? 1.0f : 0.0f);
         term *= mu / FLOAT(i);
         sum += term;
     }
@@ -80,20 +80,20 @@ DEVICE REAL poisson_number(REAL mu, REAL uniform_, REAL normal) {
 
 /* Noise-free grey level: y = full scale x min(E, 1). */
 DEVICE REAL saturated(REAL signal, float full_scale) {
-    return full_scale * fmin(signal, 1.0f);
+    return full_scale * min(signal, 1.0f);
 }
 
 /* Grey level of one pixel of one image with noise: electrons n ~ Poisson(mu_sat E + dark), plus
    N(0, sigma_d), clipped at saturation; y = clip(round(K n + black level), 0, full scale), quantised
    once. PRNU and DSNU scale and shift each pixel the same way in every image. */
 DEVICE REAL noisy_grey_level(REAL signal, Normals pattern, Words words, float4 sensor, float4 dark) {
-    REAL mu = sensor.z * signal * fmax(1.0f + dark.z * pattern.first, 0.0f)
-              + fmax(dark.x + dark.y * pattern.second, 0.0f);
+    REAL mu = sensor.z * signal * max(1.0f + dark.z * pattern.first, 0.0f)
+              + max(dark.x + dark.y * pattern.second, 0.0f);
     Normals normal = normal_numbers(words.b, words.c);
     REAL electrons = poisson_number(mu, uniform_number(words.a), normal.first)
                      + sensor.w * normal.second;
     float gain = (sensor.y - dark.w) / sensor.z;
-    return clamp(rint(gain * fmin(electrons, sensor.z) + dark.w), 0.0f, sensor.y);
+    return clamp(rint(gain * min(electrons, sensor.z) + dark.w), 0.0f, sensor.y);
 }
 
 #endif

@@ -17,27 +17,25 @@ typedef struct {
     int sub_rays;
 } Pixels;
 
-/* Exposure E of CHUNK images from `first`, `every` images apart, averaged over sub-rays. */
-DEVICE void exposures(Pixels px, Design d, int first, int wrap, REAL signal[CHUNK]) {
-    REAL zero = 0.0f * LANES;
+/* Exposure E of CHUNK images from image `first` on, averaged over sub-rays. */
+DEVICE void exposures(Pixels px, Design d, int first, REAL signal[CHUNK]) {
     for (int j = 0; j < CHUNK; j++) {
-        signal[j] = zero;
+        signal[j] = 0.0f;
     }
-    float share = 1.0f / (float)px.sub_rays;
+    float gain = d.sensor.x / (float)px.sub_rays;
     for (int i = 0; i < px.sub_rays; i++) {
         size_t at = px.at + i * px.plane;
-        REAL irradiance = share * LOAD(px.irradiance, at);
-        Trapezoid t = trapezoid(LOAD(px.light, at), LOAD(px.footprint, at), d.stripes.x, d.stripes.y);
+        Trapezoid t = exposed(lit_fraction(LOAD(px.light, at) * d.stripes.y,
+                                           LOAD(px.footprint, at) * d.stripes.y, d.stripes.x),
+                              LOAD(px.irradiance, at), gain, d.stripes.z);
         for (int j = 0; j < CHUNK; j++) {
-            float shift = (float)((first + j) % wrap) * d.sequence.y;
-            REAL lit = lit_fraction(t, shift, d.stripes.y);
-            signal[j] += exposure(lit, irradiance, d.sensor.x, d.stripes.z);
+            signal[j] += at_shift(t, (float)(first + j) * d.sequence.y);
         }
     }
 }
 
 DEVICE COUNTER seed_of(Design d) {
-    return TO_COUNTER(0.0f * LANES) + ((uint)d.noise.y + 65536u * (uint)d.noise.z);
+    return (uint)d.noise.y + 65536u * (uint)d.noise.z;
 }
 
 /* Grey level of a pixel in image k. `column`, `row` count over the whole image, so that
@@ -46,19 +44,19 @@ DEVICE REAL grey_level(REAL signal, Design d, int k, COUNTER column, COUNTER row
     if (d.noise.x == 0.0f) {
         return saturated(signal, d.sensor.y);
     }
-    Words words = random_words(column, row, TO_COUNTER(0.0f * LANES) + (uint)k, seed_of(d));
+    Words words = random_words(column, row, (uint)k, seed_of(d));
     return noisy_grey_level(signal, pattern, words, d.sensor, d.dark);
 }
 
 /* The fixed pattern of a pixel: its share of PRNU and DSNU. */
 DEVICE Normals fixed_pattern(Design d, COUNTER column, COUNTER row) {
     Normals none;
-    none.first = 0.0f * LANES;
-    none.second = 0.0f * LANES;
+    none.first = 0.0f;
+    none.second = 0.0f;
     if (d.noise.x == 0.0f || (d.dark.y == 0.0f && d.dark.z == 0.0f)) {
         return none;
     }
-    Words words = random_words(column, row, TO_COUNTER(0.0f * LANES) + FIXED_PATTERN, seed_of(d));
+    Words words = random_words(column, row, FIXED_PATTERN, seed_of(d));
     return normal_numbers(words.a, words.b);
 }
 
@@ -73,7 +71,7 @@ DEVICE Normals fixed_pattern(Design d, COUNTER column, COUNTER row) {
     px.at = get_global_id(1) * stride + get_global_id(0) * WIDTH;                             \
     Design d = *design;                                                                       \
     COUNTER column = TO_COUNTER((float)(get_global_id(0) * WIDTH) + LANES);                   \
-    COUNTER row = TO_COUNTER(0.0f * LANES) + (uint)(first_row + get_global_id(1));            \
+    COUNTER row = (uint)(first_row + get_global_id(1));            \
     Normals pattern = fixed_pattern(d, column, row);
 
 /* Image k of the sequence, in grey levels. */
@@ -82,7 +80,7 @@ __kernel void image_at(__global float *grey, __global const float *light,
                        __constant Design *design, int sub_rays, int first_row, int k) {
     PIXELS(px, column, row)
     REAL signal[CHUNK];
-    exposures(px, d, k, (int)d.sequence.x, signal);
+    exposures(px, d, k, signal);
     STORE(grey_level(signal[0], d, k, column, row, pattern), grey, px.at);
 }
 
@@ -92,11 +90,11 @@ __kernel void mean_of_images(__global float *mean, __global const float *light,
                              __constant Design *design, int sub_rays, int first_row) {
     PIXELS(px, column, row)
     int images = (int)d.sequence.x;
-    REAL sum = 0.0f * LANES;
+    REAL sum = 0.0f;
     for (int first = 0; first < images; first += CHUNK) {
         REAL signal[CHUNK];
-        exposures(px, d, first, images, signal);
-        REAL part = 0.0f * LANES;
+        exposures(px, d, first, signal);
+        REAL part = 0.0f;
         for (int j = 0; j < CHUNK; j++) {
             if (first + j < images) {
                 part += grey_level(signal[j], d, first + j, column, row, pattern);
@@ -115,12 +113,12 @@ __kernel void fuse_images(__global float *fused, __global const float *light,
                           __constant Design *design, int sub_rays, int first_row) {
     PIXELS(px, column, row)
     int images = (int)d.sequence.x, lag = (int)d.sequence.w, pairs = (int)d.noise.w;
-    REAL mean = 0.0f * LANES, spread = mean, difference = mean;
+    REAL mean = 0.0f, spread = mean, difference = mean;
     REAL high = mean, low = mean + d.sensor.y;
     for (int first = 0; first < images; first += CHUNK) {
         REAL signal[CHUNK], later[CHUNK];
-        exposures(px, d, first, images, signal);
-        exposures(px, d, first + lag, images, later);
+        exposures(px, d, first, signal);
+        exposures(px, d, first + lag, later);
         for (int j = 0; j < CHUNK; j++) {
             int k = first + j;
             if (k < images) {
@@ -128,8 +126,8 @@ __kernel void fuse_images(__global float *fused, __global const float *light,
                 REAL gap = y - mean;
                 mean += gap / (float)(k + 1);
                 spread += gap * (y - mean);
-                high = fmax(high, y);
-                low = fmin(low, y);
+                high = max(high, y);
+                low = min(low, y);
                 if (k < pairs) {
                     int partner = (k + lag) % images;
                     difference += fabs(grey_level(later[j], d, partner, column, row, pattern) - y);
@@ -140,6 +138,6 @@ __kernel void fuse_images(__global float *fused, __global const float *light,
     STORE(mean, fused, px.at);
     STORE(high, fused, px.at + px.plane);
     STORE(low, fused, px.at + 2 * px.plane);
-    STORE(sqrt(fmax(spread / (float)images, 0.0f)), fused, px.at + 3 * px.plane);
-    STORE(difference / (float)max(pairs, 1), fused, px.at + 4 * px.plane);
+    STORE(sqrt(max(spread / (float)images, 0.0f)), fused, px.at + 3 * px.plane);
+    STORE(difference / (float)(pairs > 0 ? pairs : 1), fused, px.at + 4 * px.plane);
 }

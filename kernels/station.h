@@ -13,7 +13,7 @@ STRUCT(Geometry) {
 };
 
 STRUCT(Design) {
-    float4 stripes;  /* luminous width a, period P, leak beta, 0 */
+    float4 stripes;  /* luminous width a / P, 1 / period P (1/mm), leak beta, 0 */
     float4 sequence; /* images K, step / period, distinct shifts that fill the period, lag */
     float4 sensor;   /* exposure g, full scale (DN), saturation (e), read noise (e) */
     float4 dark;     /* dark signal (e), DSNU (e), PRNU, black level (DN) */

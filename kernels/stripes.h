@@ -1,72 +1,73 @@
-/* What a footprint sees of the stripes: the lit fraction, and its mean over a scan. */
+/* What a footprint sees of the stripes: the lit fraction, its exposure, and their mean over a
+   scan. Lengths on the light are in periods P of the stripes here. */
 #ifndef STRIPES_H
 #define STRIPES_H
 
-/* The lit fraction as a function of the shift is a periodic trapezoid, for any footprint w:
-   q = (n a + clamp(e - d, lo, hi)) / w with n = floor(w/P), w' = w - n P, e = (a + w')/2,
-   hi = min(a, w'), lo = max(0, a + w' - P) and d the distance of l - s from the nearest point of
-   a/2 + n P/2 + P Z. */
+/* As a function of the shift s, what a footprint sees is a periodic trapezoid,
+   base + slope clamp(reach - d, low, high), d the distance of l - s from the nearest `centre`. */
 STRUCT(Trapezoid) {
-    REAL centre;    /* (l - a/2 - n P/2) / P, in periods */
-    REAL reach;     /* e */
-    REAL low;       /* lo */
-    REAL high;      /* hi */
-    REAL whole;     /* n a */
-    REAL footprint; /* w */
+    REAL centre;
+    REAL reach;
+    REAL low;
+    REAL high;
+    REAL base;
+    REAL slope;
 };
 
-DEVICE Trapezoid trapezoid(REAL light, REAL footprint, float luminous, float period) {
-    REAL n = floor(footprint / period);
-    REAL rest = footprint - n * period;
-    Trapezoid t;
-    t.centre = (light - 0.5f * luminous) / period - 0.5f * n;
-    t.centre -= floor(t.centre);
-    t.reach = 0.5f * (luminous + rest);
-    t.low = fmax(luminous + rest - period, 0.0f);
-    t.high = fmin(rest, luminous);
-    t.whole = n * luminous;
-    t.footprint = footprint;
-    return t;
+/* Lit fraction q of a footprint w at l: the share of [l - w/2, l + w/2] on luminous stripes of
+   width a. With n = floor(w), w' = w - n: q = (n a + clamp(e - d, lo, hi)) / w,
+   e = (a + w')/2, hi = min(a, w'), lo = max(0, a + w' - 1), centres at a/2 + n/2 + Z. */
+DEVICE Trapezoid lit_fraction(REAL light, REAL footprint, float luminous) {
+    REAL n = floor(footprint);
+    REAL rest = footprint - n;
+    REAL centre = (light - 0.5f * luminous) - 0.5f * n;
+    Trapezoid q;
+    q.centre = centre - floor(centre);
+    q.reach = 0.5f * (luminous + rest);
+    q.low = max(luminous + rest - 1.0f, 0.0f);
+    q.high = min(rest, luminous);
+    q.slope = 1.0f / footprint;
+    q.base = n * luminous * q.slope;
+    return q;
 }
 
-/* Lit fraction q at a shift, given in periods. */
-DEVICE REAL lit_fraction(Trapezoid t, float shift, float period) {
+/* Signal over saturation before the sensor clips, E = g rho V (beta + (1 - beta) q): affine in q,
+   hence a trapezoid too. */
+DEVICE Trapezoid exposed(Trapezoid q, REAL irradiance, float gain, float leak) {
+    REAL full = gain * irradiance;
+    q.slope *= full * (1.0f - leak);
+    q.base = full * (leak + (1.0f - leak) * q.base);
+    return q;
+}
+
+/* A trapezoid's value when the light is shifted by `shift` periods. */
+DEVICE REAL at_shift(Trapezoid t, float shift) {
     REAL u = t.centre - shift;
-    REAL d = fabs(u - rint(u)) * period;
-    return (t.whole + clamp(t.reach - d, t.low, t.high)) / t.footprint;
+    REAL d = fabs(u - rint(u));
+    return t.base + t.slope * min(max(t.reach - d, t.low), t.high);
 }
 
-/* Signal over saturation, before the sensor clips: E = g rho V (beta + (1 - beta) q). */
-DEVICE REAL exposure(REAL lit, REAL irradiance, float gain, float leak) {
-    return gain * irradiance * (leak + (1.0f - leak) * lit);
-}
-
-/* Mean over one whole period in K equal steps D = P/K of min(offset + slope q, 1).
-   Each side of the trapezoid is sampled at distances D (j + o), o = phi and 1 - phi, phi the
-   phase of the nearest step: n1 samples lie on the plateau, n0 - n1 on the flank, an arithmetic
-   series. With h = min(hi, w q_sat - n a), k = min(lo, h):
-   T = K k + sum_o [n1 (h - k) + m (e - k) - D (m o + (n0 (n0 - 1) - n1 (n1 - 1))/2)].
-   The cost does not depend on K. */
-DEVICE REAL series_side(REAL o, REAL e, REAL h, REAL k, float step) {
-    REAL n1 = fmax(floor((e - h) / step - o) + 1.0f, 0.0f);
-    REAL n0 = fmax(floor((e - k) / step - o) + 1.0f, 0.0f);
+/* One side of the trapezoid, sampled at distances j + o, j = 0, 1 ..., lengths in steps: n1 samples
+   lie on the plateau h, the next m = n0 - n1 on the flank: an arithmetic series above k. */
+DEVICE REAL series_side(REAL o, REAL reach, REAL h, REAL k) {
+    REAL n1 = max(floor(reach - h - o) + 1.0f, 0.0f);
+    REAL n0 = max(floor(reach - k - o) + 1.0f, 0.0f);
     REAL m = n0 - n1;
-    return n1 * (h - k) + m * (e - k) - step * m * (o + 0.5f * (n0 + n1 - 1.0f));
+    return n1 * (h - k) + m * ((reach - k) - o - 0.5f * (n0 + n1 - 1.0f));
 }
 
-DEVICE REAL mean_over_scan(REAL light, REAL footprint, REAL irradiance, float luminous,
-                           float period, float images, float gain, float leak) {
-    Trapezoid t = trapezoid(light, footprint, luminous, period);
-    float step = period / images;
-    REAL offset = gain * leak * irradiance;
-    REAL slope = gain * (1.0f - leak) * irradiance;
-    REAL h = fmin((1.0f - offset) / fmax(slope, 1e-20f) * footprint - t.whole, t.high);
-    REAL k = fmin(t.low, h);
-    REAL phase = t.centre * images;
+/* Mean of min(E, 1) over whole periods in equal steps, `shifts` of them a period. Where E
+   saturates the trapezoid is cut at h = min(high, (1 - base)/slope), k = min(low, h); the sum over
+   the shifts is T = K k + both sides' series. The cost does not depend on the shifts' number. */
+DEVICE REAL mean_over_scan(Trapezoid t, float shifts) {
+    REAL h = min((1.0f - t.base) / max(t.slope, 1e-20f), t.high);
+    REAL k = min(t.low, h);
+    REAL phase = t.centre * shifts;
     phase -= floor(phase);
-    REAL total = images * k + series_side(phase, t.reach, h, k, step)
-                 + series_side(1.0f - phase, t.reach, h, k, step);
-    return offset + slope * (t.whole + total / images) / footprint;
+    REAL total = shifts * (shifts * k)
+                 + series_side(phase, t.reach * shifts, h * shifts, k * shifts)
+                 + series_side(1.0f - phase, t.reach * shifts, h * shifts, k * shifts);
+    return min(t.base + t.slope * total / (shifts * shifts), 1.0f);
 }
 
 #endif

@@ -12,14 +12,14 @@ STRUCT(Surface) {
     REAL curve_yy;
 };
 
-DEVICE Surface flat_surface(REAL zero) {
+DEVICE Surface flat_surface() {
     Surface s;
-    s.height = zero;
-    s.slope_x = zero;
-    s.slope_y = zero;
-    s.curve_xx = zero;
-    s.curve_xy = zero;
-    s.curve_yy = zero;
+    s.height = 0.0f;
+    s.slope_x = 0.0f;
+    s.slope_y = 0.0f;
+    s.curve_xx = 0.0f;
+    s.curve_xy = 0.0f;
+    s.curve_yy = 0.0f;
     return s;
 }
 
@@ -36,9 +36,9 @@ DEVICE Surface add_surface(Surface a, Surface b) {
 /* Crown: the sum of two sagittas, z = -c u^2 / (1 + sqrt(1 - c^2 u^2)), c = 1/radius.
    This form of R - sqrt(R^2 - u^2) does not cancel. */
 DEVICE Surface crown(REAL x, REAL y, float cx, float cy) {
-    REAL qx = sqrt(fmax(1.0f - cx * cx * x * x, 1e-6f));
-    REAL qy = sqrt(fmax(1.0f - cy * cy * y * y, 1e-6f));
-    Surface s = flat_surface(0.0f * x);
+    REAL qx = sqrt(max(1.0f - cx * cx * x * x, 1e-6f));
+    REAL qy = sqrt(max(1.0f - cy * cy * y * y, 1e-6f));
+    Surface s = flat_surface();
     s.height = -(cx * x * x) / (1.0f + qx) - (cy * y * y) / (1.0f + qy);
     s.slope_x = -(cx * x) / qx;
     s.slope_y = -(cy * y) / qy;
@@ -67,7 +67,7 @@ STRUCT(Nearest) {
 DEVICE Nearest nearest_point(REAL dx, REAL dy, float4 course) {
     REAL share = (dx * course.x + dy * course.y) * course.z;
     REAL foot = clamp(share, 0.0f, 1.0f);
-    REAL unit = (share == foot ? course.w + 0.0f * dx : 0.0f * dx);
+    REAL unit = (share == foot ? course.w : 0.0f);
     Nearest n;
     n.away_x = dx - foot * course.x;
     n.away_y = dy - foot * course.y;

@@ -39,7 +39,8 @@ DEVICE Surface maps_at(Surface s, __global const Map *maps, int count,
         Map map = maps[m];
         REAL u = (offset_mm(column, sub_x, map.start.x, map.start.z, sampling) + shift_x) * map.pitch.x;
         REAL v = (shift_y - offset_mm(row, sub_y, map.start.y, map.start.w, sampling)) * map.pitch.y;
-        MASK on = u >= 0.0f && u <= map.grid.x - 1.0f && v >= 0.0f && v <= map.grid.y - 1.0f;
+        /* The outermost points stand for half a pitch beyond them too. */
+        MASK on = u >= -0.5f && u <= map.grid.x - 0.5f && v >= -0.5f && v <= map.grid.y - 0.5f;
         if (!ANY(on)) {
             continue;
         }
@@ -71,7 +72,7 @@ DEVICE Surface maps_at(Surface s, __global const Map *maps, int count,
         relief.curve_xx = spline_sum(across, zxx[0], zxx[1], zxx[2], zxx[3]);
         relief.curve_xy = spline_sum(rise, zx[0], zx[1], zx[2], zx[3]) * map.pitch.y;
         relief.curve_yy = spline_sum(bend, z[0], z[1], z[2], z[3]) * map.pitch.y * map.pitch.y;
-        REAL zero = 0.0f * u;
+        REAL zero = 0.0f;
         s.height += on ? relief.height : zero;
         s.slope_x += on ? relief.slope_x : zero;
         s.slope_y += on ? relief.slope_y : zero;
@@ -96,20 +97,20 @@ __kernel void trace(__global float *light, __global float *footprint, __global f
     int left = (int)get_global_id(0) * WIDTH;
     int top = first_row + (int)get_global_id(1);
     int block = (top / BLOCK) * ((int)(g.image.x - 1.0f) / BLOCK + 1)
-                + min(left, (int)g.image.x - 1) / BLOCK;
+                + (left < (int)g.image.x ? left : (int)g.image.x - 1) / BLOCK;
     int first = block_first[block], last = block_first[block + 1];
     REAL column = (float)left + LANES;
-    REAL row = (float)top + 0.0f * LANES;
+    REAL row = (float)top;
     float h = g.camera.x, p = g.camera.z;
     int side = (int)g.camera.w;
-    REAL reason = LOST_BESIDE + 0.0f * LANES;
+    REAL reason = LOST_BESIDE;
     MASK seen = reason < 0.0f;
     for (int i = 0; i < side * side; i++) {
         float sub_x = ((float)(i % side) + 0.5f) / g.camera.w;
         float sub_y = ((float)(i / side) + 0.5f) / g.camera.w;
         REAL x0 = ((column - 0.5f * g.image.x) + sub_x) * p;
         REAL y0 = ((0.5f * g.image.y - row) - sub_y) * p;
-        REAL z = 0.0f * x0;
+        REAL z = 0.0f;
         Surface s;
         int steps = g.image.z > 0.0f ? NEWTON_STEPS : 0;
         for (int k = 0; k <= steps; k++) {
@@ -132,9 +133,9 @@ __kernel void trace(__global float *light, __global float *footprint, __global f
         reason = (v.lost > reason ? v.lost : reason);
         seen = seen || v.lost == LOST_NOT;
     }
-    reason = seen ? 0.0f * reason : reason;
+    reason = seen ? 0.0f : reason;
 #if WIDTH == 8
-    vstore8(convert_uchar8(reason), 0, lost + at);
+    *(__global uchar8 *)(lost + at) = convert_uchar8(reason);
 #else
     lost[at] = (uchar)reason;
 #endif
