@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,12 @@ from gpuspec.defects import (
 from gpuspec.errors import StationError
 from gpuspec.station import Station
 
-_ROUNDS = 200
+Array = NDArray[np.float64]
+
 _COUNT_MAX = 1_000_000
+_IDLE_ROUNDS = 30
+# Disks dropped at random on a plane without overlap never cover more (Feder's jamming limit).
+_JAMMING = 0.547
 
 
 def place(station: Station) -> tuple[Defect, ...]:
@@ -42,30 +46,24 @@ def place(station: Station) -> tuple[Defect, ...]:
     return tuple(placed)
 
 
-def draw(distribution: Distribution, uniform: NDArray[np.float64]) -> NDArray[np.float64]:
+def draw(distribution: Distribution, uniform: Array) -> Array:
     """Map uniform numbers in [0, 1) to a distribution by its quantile function."""
     low, high = distribution.low, distribution.high
-    if distribution.median is None:
+    if distribution.median is None or distribution.spread is None:
         return low + (high - low) * uniform
     spread = np.log(distribution.spread)
     below, above = ndtr(np.log(np.array([low, high]) / distribution.median) / spread)
     z = ndtri(below + (above - below) * uniform)
-    return np.clip(distribution.median * np.exp(spread * z), low, high)
-
-
-def _count(population: Population, station: Station) -> int:
-    if population.count is not None:
-        return population.count
-    assert population.density_per_cm2 is not None
-    area_cm2 = station.part.length_mm * station.part.width_mm / 100
-    return round(population.density_per_cm2 * area_cm2)
+    drawn: Array = np.clip(distribution.median * np.exp(spread * z), low, high)
+    return drawn
 
 
 def _placed(
-    population: Population, number: int, station: Station, placed: list[Defect]
+    population: Population, number: int, station: Station, before: list[Defect]
 ) -> list[Defect]:
-    count = _count(population, station)
+    length, width = station.part.length_mm, station.part.width_mm
     name = f"{station.file}: populations[{number}]"
+    count = population.count or round((population.density_per_cm2 or 0) * length * width / 100)
     if count > _COUNT_MAX:
         raise StationError(
             f"{name}.density_per_cm2 = {population.density_per_cm2:g} asks for {count:,} defects; "
@@ -73,131 +71,140 @@ def _placed(
         )
     # Only raw uniform numbers are drawn: their stream is the one numpy promises to keep.
     random = np.random.Generator(np.random.PCG64([population.seed, number]))
-    wanted = _candidates(population, count, random, station)
-    result: dict[int, Defect] = {}
-    fixed = _Disks.of(placed)
-    for _ in range(_ROUNDS):
-        missing = [i for i in range(count) if i not in result]
-        if not missing:
-            break
-        for i in missing:
-            candidate = wanted(i)
-            if candidate is not None:
-                result[i] = candidate
-        clashes = _Disks.of([result[i] for i in sorted(result)]).clashes(
-            fixed, population.spacing_mm
-        )
-        order = sorted(result)
-        for clash in clashes:
-            del result[order[clash]]
-    if len(result) < count:
-        raise StationError(
-            f"{name}: only {len(result):,} of {count:,} defects of kind {population.kind} fit on "
-            f"the part of {station.part.length_mm:g} x {station.part.width_mm:g} mm without "
-            f"touching; ask for fewer or smaller ones, or less spacing_mm."
-        )
-    return [result[i] for i in range(count)]
-
-
-def _candidates(population, count, random, station):  # type: ignore[no-untyped-def]
-    """Return a function giving defect i at a new place; sizes are drawn once."""
     depth = draw(population.depth_um, random.random(count))
-    half = np.array([station.part.length_mm, station.part.width_mm]) / 2
-    if isinstance(population, ScratchPopulation):
-        width = draw(population.width_mm, random.random(count))
-        length = draw(population.length_mm, random.random(count))
-
-        def scratch(i: int) -> Defect | None:
-            points = _centre_line(length[i], population.vertices, population.bend_rad, random)
-            reach = np.abs(points).max(axis=0) + width[i] / 2
-            room = half - reach
-            place = random.random(2)
-            if np.any(room < 0):
-                return None
-            points = points + (2 * place - 1) * room
-            return Scratch(
-                kind="scratch",
-                points_mm=tuple((float(x), float(y)) for x, y in points),
-                width_mm=float(width[i]),
-                depth_um=float(depth[i]),
-            )
-
-        return scratch
-    diameter = draw(population.diameter_mm, random.random(count))
-
-    def spot(i: int) -> Defect | None:
-        x, y = (2 * random.random(2) - 1) * (half - diameter[i] / 2)
-        if diameter[i] / 2 > half.min():
-            return None
-        return Spot(
-            kind=population.kind,
-            x_mm=float(x),
-            y_mm=float(y),
-            diameter_mm=float(diameter[i]),
+    scratches = isinstance(population, ScratchPopulation)
+    size = draw(population.width_mm if scratches else population.diameter_mm, random.random(count))
+    extent = draw(population.length_mm, random.random(count)) if scratches else np.zeros(count)
+    vertices = population.vertices if scratches else 1
+    bend = population.bend_rad if scratches else 0.0
+    area = (np.pi / 4 * size**2 + size * extent).sum()
+    points = np.zeros((count, vertices, 2))
+    done = np.zeros(count, bool)
+    taken = _Chains.of(before)
+    idle = 0
+    while not done.all() and area < _JAMMING * length * width and idle < _IDLE_ROUNDS:
+        missing = np.flatnonzero(~done)
+        points[missing], fits = _drawn(
+            extent[missing], size[missing], vertices, bend, random, np.array([length, width]) / 2
+        )
+        trial = missing[fits]
+        fresh = _Chains.along(points[trial], size[trial] / 2)
+        clear = fresh.clear_of(taken, population.spacing_mm)
+        done[trial[clear]] = True
+        taken = taken.with_(_Chains.along(points[trial[clear]], size[trial[clear]] / 2))
+        idle = 0 if clear.any() else idle + 1
+    if not done.all():
+        raise StationError(
+            f"{name}: {count:,} defects of kind {population.kind} do not fit on the part of "
+            f"{length:g} x {width:g} mm without touching; ask for fewer or smaller ones, or less "
+            f"spacing_mm."
+        )
+    return [
+        Scratch(
+            kind="scratch",
+            points_mm=tuple((x, y) for x, y in points[i].tolist()),
+            width_mm=float(size[i]),
             depth_um=float(depth[i]),
         )
-
-    return spot
-
-
-def _centre_line(
-    length: float, vertices: int, bend: float, random: np.random.Generator
-) -> NDArray[np.float64]:
-    """Polyline of equal pieces, centred on its box, in a random direction."""
-    turns = bend * (2 * random.random(vertices - 1) - 1)
-    turns[0] = 2 * np.pi * random.random()
-    heading = np.cumsum(turns)
-    steps = length / (vertices - 1) * np.stack([np.cos(heading), np.sin(heading)], axis=1)
-    points = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
-    centred: NDArray[np.float64] = points - (points.min(axis=0) + points.max(axis=0)) / 2
-    return centred
+        if population.kind == "scratch"
+        else Spot(
+            kind=population.kind,
+            x_mm=float(points[i, 0, 0]),
+            y_mm=float(points[i, 0, 1]),
+            diameter_mm=float(size[i]),
+            depth_um=float(depth[i]),
+        )
+        for i in range(count)
+    ]
 
 
-class _Disks:
-    """Zones as chains of disks, to find which touch."""
+def _drawn(
+    extent: Array, size: Array, vertices: int, bend: float, random: np.random.Generator, half: Array
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Centre lines (n, vertices, 2) at random places and directions, and whether they fit."""
+    count = len(size)
+    points = np.zeros((count, vertices, 2))
+    if vertices > 1:
+        turns = bend * (2 * random.random((count, vertices - 1)) - 1)
+        turns[:, 0] = 2 * np.pi * random.random(count)
+        heading = np.cumsum(turns, axis=1)
+        steps = np.stack([np.cos(heading), np.sin(heading)], axis=2)
+        points[:, 1:] = np.cumsum(steps * (extent / (vertices - 1))[:, None, None], axis=1)
+        points -= (points.min(axis=1, keepdims=True) + points.max(axis=1, keepdims=True)) / 2
+    room = half - np.abs(points).max(axis=1) - size[:, None] / 2
+    points += ((2 * random.random((count, 2)) - 1) * room)[:, None]
+    return points, (room >= 0).all(axis=1)
 
-    def __init__(
-        self, centre: NDArray[np.float64], radius: NDArray[np.float64], owner: NDArray[np.int64]
-    ) -> None:
-        self.centre, self.radius, self.owner = centre, radius, owner
+
+@dataclass(frozen=True)
+class _Chains:
+    """Zones as chains of disks, to find which touch: centre (n, 2), radius and owner (n,)."""
+
+    centre: Array
+    radius: Array
+    owner: NDArray[np.int64]
 
     @classmethod
-    def of(cls, defects: list[Defect]) -> _Disks:
-        centre: list[NDArray[np.float64]] = [np.zeros((0, 2))]
-        radius: list[float] = []
-        owner: list[int] = []
-        for index, defect in enumerate(defects):
-            if isinstance(defect, Patch):
-                continue
-            if isinstance(defect, Scratch):
-                r = defect.width_mm / 2
-                chain = []
-                for a, b in itertools.pairwise(np.array(defect.points_mm)):
-                    n = max(int(np.ceil(np.hypot(*(b - a)) / r)), 1)
-                    chain.append(a + (b - a) * np.linspace(0, 1, n + 1)[:, None])
-                points = np.concatenate(chain)
-            else:
-                r, points = defect.diameter_mm / 2, np.array([[defect.x_mm, defect.y_mm]])
-            centre.append(points)
-            radius += [r] * len(points)
-            owner += [index] * len(points)
-        return cls(np.concatenate(centre), np.array(radius), np.array(owner, np.int64))
+    def along(cls, points: Array, radius: Array) -> _Chains:
+        """Chains along centre lines (n, vertices, 2), disks at most a radius apart."""
+        count, vertices = points.shape[:2]
+        start = points[:, : max(vertices - 1, 1)].reshape(-1, 2)
+        course = points[:, min(1, vertices - 1) :].reshape(-1, 2) - start
+        owner = np.repeat(np.arange(count), max(vertices - 1, 1))
+        steps = np.ceil(np.hypot(*course.T) / radius[owner]).astype(np.int64)
+        piece = np.repeat(np.arange(len(owner)), steps + 1)
+        nth = np.arange(len(piece)) - np.repeat(np.cumsum(steps + 1) - steps - 1, steps + 1)
+        share = nth / np.maximum(steps[piece], 1)
+        centre = start[piece] + course[piece] * share[:, None]
+        return cls(centre, radius[owner][piece], owner[piece])
 
-    def clashes(self, fixed: _Disks, spacing: float) -> set[int]:
-        """Owners that must go so that no two zones, nor a zone and a fixed one, touch."""
-        if not len(self.radius):
-            return set()
-        reach = 2 * max(self.radius.max(), fixed.radius.max(initial=0)) + spacing
-        tree = cKDTree(self.centre)
-        gone: set[int] = set()
-        if len(fixed.radius):
-            pairs = cKDTree(fixed.centre).sparse_distance_matrix(tree, reach, output_type="ndarray")
-            touch = pairs["v"] < fixed.radius[pairs["i"]] + self.radius[pairs["j"]] + spacing
-            gone |= set(self.owner[pairs["j"][touch]].tolist())
-        pairs = tree.sparse_distance_matrix(tree, reach, output_type="ndarray")
-        a, b = self.owner[pairs["i"]], self.owner[pairs["j"]]
-        touch = pairs["v"] < self.radius[pairs["i"]] + self.radius[pairs["j"]] + spacing
-        for first, second in np.unique(np.stack([a, b], axis=1)[touch & (a < b)], axis=0).tolist():
-            if first not in gone:
-                gone.add(second)
-        return gone
+    @classmethod
+    def of(cls, defects: list[Defect]) -> _Chains:
+        """Chains of defects already placed."""
+        chains = cls(np.zeros((0, 2)), np.zeros(0), np.zeros(0, np.int64))
+        for defect in defects:
+            if isinstance(defect, Scratch):
+                line, size = np.array([defect.points_mm]), defect.width_mm
+            elif not isinstance(defect, Patch):
+                line, size = np.array([[[defect.x_mm, defect.y_mm]]]), defect.diameter_mm
+            else:
+                continue
+            chains = chains.with_(cls.along(line, np.array([size / 2])))
+        return chains
+
+    def with_(self, other: _Chains) -> _Chains:
+        """Both together; owners of the other are not kept apart."""
+        return _Chains(
+            np.concatenate([self.centre, other.centre]),
+            np.concatenate([self.radius, other.radius]),
+            np.concatenate([self.owner, other.owner]),
+        )
+
+    def clear_of(self, taken: _Chains, spacing: float) -> NDArray[np.bool_]:
+        """Owners that touch neither a taken zone nor one of their own of lower number."""
+        clear = np.ones(self.owner[-1] + 1 if len(self.owner) else 0, bool)
+        if not len(clear):
+            return clear
+        mine = cKDTree(self.centre)
+        if len(taken.radius):
+            hits, other, gap = _near(mine, cKDTree(taken.centre), self.radius.max()
+                                     + taken.radius.max() + spacing)  # fmt: skip
+            touch = gap < self.radius[hits] + taken.radius[other] + spacing
+            clear[self.owner[hits[touch]]] = False
+        hits, other, gap = _near(mine, mine, 2 * self.radius.max() + spacing)
+        touch = gap < self.radius[hits] + self.radius[other] + spacing
+        first, second = self.owner[hits], self.owner[other]
+        touch &= (first < second) & clear[first] & clear[second]
+        pairs = np.unique(np.stack([first[touch], second[touch]], axis=1), axis=0)
+        for a, b in pairs.tolist():
+            if clear[a]:
+                clear[b] = False
+        return clear
+
+
+def _near(
+    tree: cKDTree, other: cKDTree, reach: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
+    """Pairs of points of two trees within reach, and their distances."""
+    pairs = tree.sparse_distance_matrix(other, reach, output_type="ndarray")
+    return pairs["i"], pairs["j"], pairs["v"]

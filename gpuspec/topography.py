@@ -1,30 +1,491 @@
-"""Measured topographies: read with their units, filled, form removed, ready for the device."""
+"""Measured topographies: read with their units, filled, form removed, ready for the device.
+
+x points to the right and y up, as an instrument shows its map: the top line of the picture has the
+greatest y. Between the points, and half a pitch beyond the outermost, the relief is the
+interpolating cubic spline with natural ends: its slope is smooth and a tilt stays a tilt up to
+the edge (a mirrored end would flatten it).
+"""
 
 from __future__ import annotations
 
+import logging
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
+import tifffile
 from numpy.typing import NDArray
+from PIL import Image
+from scipy import ndimage
+from scipy.interpolate import NdBSpline, make_interp_spline
+from scipy.signal.windows import tukey
+from scipy.special import ive
 
+from gpuspec.defects import MICRO, Patch, Topography
+from gpuspec.errors import TopographyError
 from gpuspec.station import Station
 
+INSTALL = 'pip install "gpuspec[topography]"'
+POINTS_MAX = 100_000_000  # of all maps: 0.4 GB on the device, some 5 GB here while they are read
+_SIDE_MIN = 4
+_MISSING_MAX = 0.5
+_SLOPE_MAX = 1.0  # rms; beyond, heights and pitch are not of the same unit
+_ROUNDING_SLOPE_MAX = 1e-5  # rad, of float32 heights over one pitch
+_VARIANCE_MIN = 1e-9  # points^2; below, smoothing changes nothing
+_VARIANCE_WIDE = 1e6  # points^2; above, the Gaussian on the grid is the true one (and ive fails)
+_END = 16  # points after which the spline forgets what follows: 0.27^16 = 7e-10
 
-@dataclass(frozen=True)
+Heights = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
 class TopographyMap:
-    """A map of relief on a regular grid, laid on the part."""
+    """A map of relief on a regular grid, laid on the part.
+
+    Attributes
+    ----------
+    heights_mm : ndarray of float64, shape (ny, nx)
+        Relief as a sub-ray averages it. Row 0 has the least y, column 0 the least x.
+    relief_mm : ndarray of float64, shape (ny, nx)
+        Relief itself: filled, form removed, smoothed, faded out; the depth of a pit is read here.
+    pitch_mm : tuple of float
+        Distance of two points along x and y.
+    corner_mm : tuple of float
+        x and y of point (0, 0) in the part's frame.
+    zone : ndarray of bool, shape (ny, nx), or None
+        Points of the map's known defects; None: none is known.
+    name : str
+        The key it comes from: ``part.relief``, ``defects[3]``.
+    """
+
+    heights_mm: Heights
+    relief_mm: Heights
+    pitch_mm: tuple[float, float]
+    corner_mm: tuple[float, float]
+    zone: Mask | None
+    name: str
+
+    @cached_property
+    def spline(self) -> NdBSpline:
+        """The interpolant as a function of (row, column), in float64."""
+        along_y = make_interp_spline(
+            np.arange(self.heights_mm.shape[0]), self.heights_mm, bc_type="natural"
+        )
+        along_x = make_interp_spline(
+            np.arange(self.heights_mm.shape[1]), along_y.c.T, bc_type="natural"
+        )
+        return NdBSpline((along_y.t, along_x.t), np.ascontiguousarray(along_x.c.T), 3)
+
+    def position(self, x_mm: Heights, y_mm: Heights) -> tuple[Heights, Heights, Mask]:
+        """Return row and column in points, and where these are on the map."""
+        column = (np.asarray(x_mm, np.float64) - self.corner_mm[0]) / self.pitch_mm[0]
+        row = (np.asarray(y_mm, np.float64) - self.corner_mm[1]) / self.pitch_mm[1]
+        ny, nx = self.heights_mm.shape
+        on = (np.abs(column - (nx - 1) / 2) <= nx / 2) & (np.abs(row - (ny - 1) / 2) <= ny / 2)
+        return row, column, on
 
 
 def read_maps(station: Station) -> tuple[TopographyMap, ...]:
-    """Read the part's relief and the measured patches."""
-    return ()
+    """Read the part's relief and the measured patches.
+
+    Parameters
+    ----------
+    station : Station
+        Only files named in it are read.
+
+    Returns
+    -------
+    tuple of TopographyMap
+        The part's relief first, centred on the part, then the measured defects in their order.
+
+    Raises
+    ------
+    TopographyError
+        If a file is absent, is no areal topography with a length unit, or holds nothing that can
+        be a specular surface; or if the part is larger than its map.
+    """
+    maps: list[TopographyMap] = []
+    if station.part.relief:
+        maps.append(_laid(station, station.part.relief, "part.relief", (0.0, 0.0), 0.0, 0))
+        _check_cover(station, maps[0])
+    for number, defect in enumerate(station.defects, 1):
+        if isinstance(defect, Patch):
+            centre, key = (defect.x_mm, defect.y_mm), f"defects[{number}]"
+            points = sum(m.heights_mm.size for m in maps)
+            maps.append(_laid(station, defect, key, centre, defect.taper, points))
+    return tuple(maps)
 
 
 def map_records(maps: tuple[TopographyMap, ...], station: Station) -> NDArray[np.float32]:
-    """Return the structs ``Map`` of `kernels/station.h`, shape (n, 3, 4)."""
-    return np.zeros((0, 3, 4), np.float32)
+    """Return the structs ``Map`` of `kernels/station.h`.
+
+    Returns
+    -------
+    ndarray of float32, shape (n, 3, 4)
+    """
+    from gpuspec.relief import pixel_position  # relief is built from maps
+
+    records = np.zeros((len(maps), 3, 4), np.float32)
+    first = 0
+    for record, m in zip(records, maps, strict=True):
+        ny, nx = m.heights_mm.shape
+        start = pixel_position(np.array([m.corner_mm]), station)[0]
+        whole = np.floor(start)
+        record[0] = [*whole, *(start - whole)]
+        record[1] = [nx, ny, first & 0xFFFF, first >> 16]
+        record[2, :2] = 1 / np.array(m.pitch_mm)
+        first += (nx + 2) * (ny + 2)
+    return records
 
 
 def coefficients(maps: tuple[TopographyMap, ...]) -> NDArray[np.float32]:
-    """Return the spline coefficients of all maps, one after another."""
-    return np.zeros(0, np.float32)
+    """Return the cubic B-spline coefficients of all maps, one after another.
+
+    Each map has one more coefficient on each side than it has points, row by row: point (j, i) is
+    entry (j + 1, i + 1). Heights mirrored through their end points give the spline natural ends.
+
+    Returns
+    -------
+    ndarray of float32, shape (sum of (ny + 2) (nx + 2),)
+    """
+    parts = [np.zeros(0, np.float32)]
+    for m in maps:
+        extended = np.pad(m.heights_mm, _END, mode="reflect", reflect_type="odd")
+        spline = ndimage.spline_filter(extended, order=3, mode="mirror")
+        inner = slice(_END - 1, 1 - _END)
+        parts.append(spline[inner, inner].astype(np.float32).ravel())
+    return np.concatenate(parts)
+
+
+def relief_at(
+    maps: tuple[TopographyMap, ...], x_mm: Heights, y_mm: Heights
+) -> tuple[Heights, Heights, Heights, Heights, Heights, Heights]:
+    """Return the maps' relief and its derivatives in float64, zero outside the maps.
+
+    The same spline as the device's, solved for and evaluated by other means.
+
+    Parameters
+    ----------
+    maps : tuple of TopographyMap
+        Laid on the part.
+    x_mm, y_mm : ndarray
+        Points of the part, of one shape.
+
+    Returns
+    -------
+    z, zx, zy, zxx, zxy, zyy : ndarray of float64
+        Height in mm, slopes, and curvatures in 1/mm, of the shape of `x_mm`.
+    """
+    sums = np.zeros((6, *np.shape(x_mm)))
+    for m in maps:
+        row, column, on = m.position(x_mm, y_mm)
+        points = np.stack([row[on], column[on]], axis=-1)
+        for total, (ky, kx) in zip(
+            sums, ((0, 0), (0, 1), (1, 0), (0, 2), (1, 1), (2, 0)), strict=True
+        ):
+            scale = m.pitch_mm[0] ** -kx * m.pitch_mm[1] ** -ky
+            total[on] += m.spline(points, nu=(ky, kx)) * scale
+    return tuple(sums)
+
+
+def zone_at(m: TopographyMap, x_mm: Heights, y_mm: Heights, reach_mm: float = 0.0) -> Mask:
+    """Return whether the map's nearest point is in a zone; False outside the map.
+
+    Parameters
+    ----------
+    m : TopographyMap
+        Laid on the part.
+    x_mm, y_mm : ndarray
+        Points of the part, of one shape.
+    reach_mm : float
+        Zones within a square of this half side count too: half a pixel finds the pits that lie
+        between the centres of pixels coarser than the map.
+
+    Returns
+    -------
+    ndarray of bool, of the shape of `x_mm`
+    """
+    row, column, on = m.position(x_mm, y_mm)
+    inside = np.zeros(on.shape, bool)
+    if m.zone is not None:
+        size = [2 * round(reach_mm / pitch) + 1 for pitch in reversed(m.pitch_mm)]
+        zone = ndimage.maximum_filter(m.zone, size, mode="constant")
+        nearest = (
+            np.clip(np.rint(index[on]).astype(np.int64), 0, points - 1)
+            for index, points in zip((row, column), zone.shape, strict=True)
+        )
+        inside[on] = zone[tuple(nearest)]
+    return inside
+
+
+def _laid(
+    station: Station,
+    topography: Topography,
+    key: str,
+    centre: tuple[float, float],
+    taper: float,
+    points: int,
+) -> TopographyMap:
+    """Read a topography and make it the relief that a sub-ray sees; `points` are already read."""
+    says = f'{station.file}: {key}.file = "{topography.file}"'
+    heights, defined, pitch = _read(station.locate(topography.file), says, points)
+    ny, nx = heights.shape
+    sigma = topography.smoothing_um * MICRO
+    if sigma > min(nx * pitch[0], ny * pitch[1]) / 4:
+        raise TopographyError(
+            f"{says} with smoothing_um = {topography.smoothing_um:g}: nothing is left of a map of "
+            f"{nx * pitch[0]:g} x {ny * pitch[1]:g} mm; smooth by less than a quarter of its side."
+        )
+    rough = _filled(heights, defined) - _form(heights, defined, topography.form_removed)
+    window = np.outer(tukey(ny, 2 * taper), tukey(nx, 2 * taper))
+    relief = _smoothed(rough, sigma**2, pitch) * window
+    _check_relief(relief, pitch, says)
+    zone = _zone(station, topography, key, relief)
+    square = (station.camera.sampling_mm / station.camera.subsampling) ** 2 / 12
+    return TopographyMap(
+        _smoothed(rough, sigma**2 + square, pitch) * window,
+        relief,
+        pitch,
+        (centre[0] - (nx - 1) / 2 * pitch[0], centre[1] - (ny - 1) / 2 * pitch[1]),
+        None if zone is None else zone & defined,
+        key,
+    )
+
+
+@contextmanager
+def _silence() -> Iterator[None]:
+    """Keep what readers print of damaged files from the user, who gets one sentence."""
+    level = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logging.disable(level)
+
+
+def _read(path: Path, says: str, points: int) -> tuple[Heights, Mask, tuple[float, float]]:
+    """Read heights in mm (0 where missing), where they are defined, and the pitch in mm."""
+    if not path.is_file():
+        raise TopographyError(f"{says} is not there; looked for {path}.")
+    with _silence():
+        try:
+            from SurfaceTopography import open_topography
+            from SurfaceTopography.Exceptions import CannotDetectFileFormat
+        except ImportError as error:
+            raise TopographyError(
+                f"{says} cannot be read without SurfaceTopography ({error}); {INSTALL}."
+            ) from None
+        # A reader given damaged bytes may raise anything.
+        try:
+            with open_topography(str(path)) as reader:
+                channel = reader.default_channel
+                grid = tuple(int(n) for n in channel.nb_grid_pts or ())
+                _check_grid(grid, channel.is_uniform is not False, says, points)
+                _check_unit(channel.unit, says)
+                measured = reader.topography().to_unit("mm")
+                heights: Any = np.ma.asarray(measured.heights()).astype(np.float64)
+                infinite = bool(np.isinf(heights.compressed()).any())
+                heights = np.ma.masked_invalid(heights, copy=False)
+                pitch = tuple(float(p) for p in measured.pixel_size)
+        except TopographyError:
+            raise
+        except CannotDetectFileFormat:
+            raise TopographyError(
+                f"{says} is in no format that SurfaceTopography knows, or is damaged; export it "
+                f"from the instrument as .sur, .x3p or .al3d."
+            ) from None
+        except Exception as error:
+            raise TopographyError(
+                f"{says} cannot be read ({_brief(error)}); it may be damaged: export it again."
+            ) from None
+    if infinite:
+        raise TopographyError(f"{says} holds infinite heights; mark these points as missing.")
+    if not all(np.isfinite(p) and p > 0 for p in pitch):
+        raise TopographyError(f"{says} has a pitch of {pitch} mm; export it again.")
+    defined = ~np.ma.getmaskarray(heights).T[::-1]
+    missing = 1 - np.count_nonzero(defined) / defined.size
+    if missing > _MISSING_MAX:
+        share = "all" if missing == 1 else f"{missing:.0%}"
+        raise TopographyError(
+            f"{says} misses {share} of its points, more than {_MISSING_MAX:.0%}; measure it again "
+            f"or crop it."
+        )
+    return heights.filled(0).T[::-1], defined, (pitch[0], pitch[1])
+
+
+def _brief(error: Exception) -> str:
+    lines = str(error).strip().splitlines() or [type(error).__name__]
+    return lines[0].rstrip(".")[:200]
+
+
+def _check_grid(grid: tuple[int, ...], uniform: bool, says: str, points: int) -> None:
+    if len(grid) != 2 or not uniform:
+        raise TopographyError(
+            f"{says} is {'a line scan' if len(grid) < 2 else 'scattered points'}, not an area "
+            f"on a regular grid; give an areal topography."
+        )
+    if min(grid) < _SIDE_MIN:
+        raise TopographyError(
+            f"{says} has {grid[0]} x {grid[1]} points; at least {_SIDE_MIN} x {_SIDE_MIN} are "
+            f"needed."
+        )
+    if grid[0] * grid[1] + points > POINTS_MAX:
+        already = f" beside {points:,} of other maps" if points else ""
+        raise TopographyError(
+            f"{says} has {grid[0] * grid[1]:,} points{already}, more than {POINTS_MAX:,}; crop "
+            f"or resample it."
+        )
+
+
+def _check_unit(unit: str | None, says: str) -> None:
+    if not unit:
+        raise TopographyError(
+            f"{says} carries no length unit, so its heights mean nothing; use a format with "
+            f"units, such as .sur, .x3p or .al3d."
+        )
+
+
+def _check_relief(heights: Heights, pitch: tuple[float, float], says: str) -> None:
+    slopes = [np.diff(heights, axis=1) / pitch[0], np.diff(heights, axis=0) / pitch[1]]
+    slope = float(np.sqrt(sum(np.mean(s**2) for s in slopes)))
+    if not slope <= _SLOPE_MAX:
+        raise TopographyError(
+            f"{says} has an rms slope of {slope:.3g}, more than {_SLOPE_MAX:g}: no mirror; check "
+            f"the units of its heights and pitch, or smooth it (smoothing_um)."
+        )
+    highest = float(np.abs(heights).max())
+    if highest * np.finfo(np.float32).eps > _ROUNDING_SLOPE_MAX * min(pitch):
+        raise TopographyError(
+            f"{says} reaches {highest:.3g} mm from zero, too far for slopes in single precision at "
+            f'a pitch of {min(pitch):.3g} mm; remove more form (form_removed = "curvature").'
+        )
+
+
+def _check_cover(station: Station, relief: TopographyMap) -> None:
+    ny, nx = relief.heights_mm.shape
+    size = nx * relief.pitch_mm[0], ny * relief.pitch_mm[1]
+    part = station.part.length_mm, station.part.width_mm
+    excess = [p - s for p, s in zip(part, size, strict=True)]
+    # A tenth of a pitch is left for rounding.
+    if any(e > 0.1 * p for e, p in zip(excess, relief.pitch_mm, strict=True)):
+        over = " and ".join(
+            f"{e:.4g} mm along {axis}" for e, axis in zip(excess, ("x", "y"), strict=True) if e > 0
+        )
+        fit = [np.floor(s * 1e4) / 1e4 for s in size]
+        assert station.part.relief
+        raise TopographyError(
+            f'{station.file}: part.relief.file = "{station.part.relief.file}" is smaller than the '
+            f"part by {over}; give the map's size as part.length_mm = {fit[0]:g}, "
+            f"part.width_mm = {fit[1]:g}."
+        )
+
+
+def _form(
+    heights: Heights,
+    defined: Mask,
+    removed: Literal["none", "mean", "plane", "curvature"],
+) -> Heights:
+    """Least-squares polynomial of degree 0, 1 or 2 in x and y over the defined points.
+
+    The products of sums along rows and columns stand in for the (points x terms) matrix.
+    """
+    if removed == "none":
+        return np.zeros_like(heights)
+    degree = ("mean", "plane", "curvature").index(removed)
+    py, px = (
+        np.polynomial.legendre.legvander(np.linspace(-1, 1, n), degree) for n in heights.shape
+    )
+    a, b = np.array([(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]).T
+    qy, qx = ((p[:, :, None] * p[:, None, :]).reshape(len(p), -1) for p in (py, px))
+    moments = (qy.T @ defined @ qx).reshape((degree + 1,) * 4)
+    gram = moments[a[:, None], a, b[:, None], b]
+    right = (py.T @ np.where(defined, heights, 0) @ px)[a, b]
+    terms = np.zeros((degree + 1, degree + 1))
+    terms[a, b] = np.linalg.lstsq(gram, right, rcond=None)[0]
+    form: Heights = py @ terms @ px.T
+    return form
+
+
+def _filled(heights: Heights, defined: Mask) -> Heights:
+    """Fill missing points by the harmonic function that meets the defined points around them.
+
+    The form is taken off meanwhile: holes at the edge then follow it too.
+    """
+    if defined.all():
+        return heights
+    from SurfaceTopography import Topography as Measured
+
+    form = _form(heights, defined, "curvature")
+    measured = Measured(np.ma.masked_array(heights - form, ~defined), heights.shape)
+    filled = measured.interpolate_undefined_data_with_harmonic_function().heights()
+    return np.where(defined, heights, np.ma.getdata(filled) + form)
+
+
+def _smoothed(heights: Heights, variance: float, pitch: tuple[float, float]) -> Heights:
+    """Gaussian low-pass of a variance in mm^2 along x and y.
+
+    On the grid the Gaussian is exp(-t) I_n(t), whose variance is t even far below one point, where
+    a sampled Gaussian has next to none: T. Lindeberg, IEEE PAMI 12(3), 1990. A straight line is
+    fitted under it, which changes nothing but at the edge, where a tilt stays a tilt.
+    """
+    for axis in (0, 1):
+        t = variance / pitch[1 - axis] ** 2
+        if t < _VARIANCE_MIN:
+            continue
+        reach = min(int(np.ceil(6 * np.sqrt(t))) + 2, heights.shape[axis] - 1)
+        away = np.arange(-reach, reach + 1.0)
+        gaussian = ive(away, t) if t < _VARIANCE_WIDE else np.exp(-(away**2) / 2 / t)
+        kernels = [gaussian * away**power for power in range(3)]
+        inside = np.ones((heights.shape[0], 1) if axis == 0 else (1, heights.shape[1]))
+        s0, s1, s2 = (ndimage.correlate1d(inside, k, axis, mode="constant") for k in kernels)
+        m0, m1 = (ndimage.correlate1d(heights, k, axis, mode="constant") for k in kernels[:2])
+        heights = (s2 * m0 - s1 * m1) / (s0 * s2 - s1**2)
+    return heights
+
+
+def _zone(station: Station, topography: Topography, key: str, relief: Heights) -> Mask | None:
+    """Zones from the picture or from the height of the relief."""
+    file, height = topography.zone_file, topography.zone_height_um
+    says = f'{station.file}: {key}.zone_file = "{file}"'
+    if file is None:
+        return None if height is None else np.abs(relief) > height * MICRO
+    if height is not None:
+        raise TopographyError(f"{says} stands beside zone_height_um; give one of the two.")
+    path = station.locate(file)
+    if not path.is_file():
+        raise TopographyError(f"{says} is not there; looked for {path}.")
+    with _silence():
+        try:
+            picture = _picture(path)
+        except Exception as error:
+            raise TopographyError(
+                f"{says} is not an image that can be read ({_brief(error)}); save it as .png or "
+                f".tif."
+            ) from None
+    if picture.shape != relief.shape:
+        raise TopographyError(
+            f"{says} has {' x '.join(map(str, picture.shape))} pixels (rows x columns) and the map "
+            f"{relief.shape[0]} x {relief.shape[1]} points; they must agree."
+        )
+    return picture[::-1]
+
+
+def _picture(path: Path) -> Mask:
+    """Non-zero pixels of an image; of a colour image, those that are not black."""
+    values: NDArray[Any]
+    if path.suffix.lower() in (".tif", ".tiff"):
+        values = tifffile.imread(path)
+    else:
+        with Image.open(path) as image:
+            grey = image.mode in ("1", "L", "I", "F") or image.mode.startswith("I;")
+            values = np.asarray(image if grey else image.convert("RGB"))
+    picture: Mask = (values[..., :3] != 0).any(axis=-1) if values.ndim == 3 else values != 0
+    return picture
