@@ -1,0 +1,225 @@
+"""The command line. Each command is one call in Python, too."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from gpuspec import __version__
+from gpuspec.errors import GpuspecError
+
+if TYPE_CHECKING:
+    from gpuspec.inspection import Result
+    from gpuspec.station import Station
+
+app = typer.Typer(
+    name="gpuspec",
+    help="Design, test and optimise inspection stations for specular parts before building them.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+BackendOption = Annotated[
+    str, typer.Option("--backend", help="auto, opencl or numpy; a named one is never swapped.")
+]
+DeviceOption = Annotated[
+    str | None, typer.Option("--device", help="Part of a device's name, or its number.")
+]
+OutputOption = Annotated[Path, typer.Option("-o", "--output", help="Folder for the results.")]
+FramesOption = Annotated[bool, typer.Option("--frames", help="Write every image of the sequence.")]
+PicturesOption = Annotated[bool, typer.Option("--pictures/--no-pictures", help="Draw pictures.")]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Change a key, e.g. tunnel.dark_mm=8."),
+]
+
+
+@app.command()
+def simulate(
+    station: Annotated[Path, typer.Argument(help="Station file (TOML).")],
+    output: OutputOption = Path("run"),
+    backend: BackendOption = "auto",
+    device: DeviceOption = None,
+    frames: FramesOption = False,
+    pictures: PicturesOption = True,
+    change: SetOption = None,
+) -> None:
+    """Simulate a station: trace, aspect image, segmentation, score, pictures."""
+    from gpuspec.station import Station
+
+    _run(_changed(Station.read(station), change), output, backend, device, frames, pictures)
+
+
+@app.command()
+def demo(
+    name: Annotated[str, typer.Argument(help="Which example.")] = "trim",
+    output: OutputOption = Path("demo"),
+    backend: BackendOption = "auto",
+    device: DeviceOption = None,
+    frames: FramesOption = False,
+    pictures: PicturesOption = True,
+    change: SetOption = None,
+) -> None:
+    """Simulate a station that comes with gpuspec."""
+    from gpuspec.stationfile import example
+
+    _run(_changed(example(name), change), output, backend, device, frames, pictures)
+
+
+@app.command()
+def init(
+    path: Annotated[Path, typer.Argument(help="Station file to write, e.g. my_station.toml.")],
+    name: Annotated[str, typer.Option("--example", help="Which example to start from.")] = "trim",
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+) -> None:
+    """Write a station file to start from, every key explained."""
+    from gpuspec.stationfile import example, to_toml, write_new
+
+    if not path.suffix:
+        path = path.with_suffix(".toml")
+    write_new(path, to_toml(example(name)), force=force)
+    print(f"{path} written; simulate it with: gpuspec simulate {path}")
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON schema of the station file, for editors."""
+    from gpuspec.station import Station
+
+    print(json.dumps(Station.model_json_schema(), indent=2))
+
+
+@app.command()
+def devices() -> None:
+    """List backends and devices: what is there, what would be chosen, why not the others."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from gpuspec.backends import survey
+
+    table = Table("backend", "device", "driver", "version", "")
+    for entry in survey():
+        if entry.info is None:
+            table.add_row(entry.backend, "-", "-", "-", entry.remark)
+        else:
+            info = entry.info
+            table.add_row(
+                entry.backend, f"{entry.number}: {info.device}", info.driver, info.version,
+                entry.remark,
+            )  # fmt: skip
+    Console().print(table)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        print(f"gpuspec {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+def _changed(station: Station, changes: list[str] | None) -> Station:
+    """Apply KEY=VALUE changes; values are TOML."""
+    import tomllib
+
+    from gpuspec.errors import StationError
+
+    values: dict[str, Any] = {}
+    for change in changes or ():
+        key, equals, value = change.partition("=")
+        if not equals:
+            raise StationError(f"--set {change}: write it as KEY=VALUE, e.g. tunnel.dark_mm=8.")
+        try:
+            values[key.strip()] = tomllib.loads(f"value = {value}")["value"]
+        except tomllib.TOMLDecodeError:
+            values[key.strip()] = value.strip()
+    return station.replace(**values) if values else station
+
+
+def _run(
+    station: Station, output: Path, backend: str, device: str | None, frames: bool, pictures: bool
+) -> None:
+    from gpuspec.inspection import simulate
+    from gpuspec.report import output_folder, write_files
+
+    with output_folder(output) as partial, _progress() as tell:
+        result = simulate(station, backend, device, tell)
+        write_files(result, partial, frames=frames, pictures=pictures, progress=tell)
+    _summarise(result, output)
+
+
+@contextmanager
+def _progress() -> Iterator[Any]:
+    """Say on the terminal what is being done; silent where nobody watches."""
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    with console.status("starting") as status:
+        yield lambda text: status.update(text)
+
+
+def _summarise(result: Result, output: Path) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    score = result.score
+    rows, columns = result.station.shape
+    console = Console()
+    console.print(f"[bold]{result.station.file}[/]: {columns} x {rows} pixels, "
+                  f"{result.station.sequence.images} images, {result.info}")  # fmt: skip
+    table = Table(show_header=False, box=None)
+    undefined = "undefined (flawless part)"
+    table.add_row("P1 (overdetection)", f"{score.p1:.3f}", "share of detected pixels inside zones")
+    table.add_row(
+        "P2 (misdetection)", undefined if score.p2 is None else f"{score.p2:.3f}",
+        "share of zone pixels detected",
+    )  # fmt: skip
+    table.add_row("F1", "-" if score.f1 is None else f"{score.f1:.3f}", "")
+    table.add_row("defects hit", f"{score.defects_hit} of {score.defects}", "")
+    table.add_row("blobs", f"{score.blobs}", f"{score.false_blobs} false")
+    table.add_row("threshold", f"{result.threshold:.1f} DN", f"flawless {result.flawless_dn:.1f} DN")
+    console.print(table)
+    confusion = Table("known \\ found", *result.confusion.columns, title="classes")
+    for row, counts in zip(result.confusion.rows, result.confusion.counts, strict=True):
+        confusion.add_row(row, *map(str, counts))
+    if score.defects or score.blobs:
+        console.print(confusion)
+    for warning in result.warnings:
+        console.print(f"[yellow]note:[/] {warning}")
+    console.print(f"results in [bold]{output}[/]")
+
+
+def _stop(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
+def main() -> None:
+    """Run the command line; a user's mistake ends in one sentence and exit code 1."""
+    signal.signal(signal.SIGTERM, _stop)
+    try:
+        app()
+    except GpuspecError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(1)
+    except KeyboardInterrupt:
+        print("stopped; nothing half-written was left.", file=sys.stderr)
+        sys.exit(130)
+    except MemoryError:
+        print("error: out of memory; use a larger camera.sampling_mm, or fewer camera.columns and "
+              "camera.rows.", file=sys.stderr)  # fmt: skip
+        sys.exit(1)

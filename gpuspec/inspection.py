@@ -1,0 +1,318 @@
+"""The way through, in one place: station, light map, aspect image, labels, blobs, classes, score."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpuspec.backends import BESIDE, Backend, DeviceInfo, Image, LightMap, open_backend
+from gpuspec.classification import DEFAULT_RULES, ClassRule, Confusion, classify, confusion
+from gpuspec.errors import StationError
+from gpuspec.measures import Blobs, measure_blobs
+from gpuspec.relief import Relief
+from gpuspec.scoring import Score, score
+from gpuspec.segmentation import automatic_threshold, flawless_level, segment
+from gpuspec.station import Station
+from gpuspec.truth import KnownDefect, Truth
+
+# Host memory at the peak, per pixel: aspect, labels, truth and nearest (4 bytes each), masks, and
+# the temporaries of threshold and labelling.
+_BYTES_PER_PIXEL = 40
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """What is found in an aspect image, simulated or real.
+
+    Attributes
+    ----------
+    threshold : float
+        Grey level above which a pixel is detected, DN.
+    flawless_dn : float
+        Median grey level of the part.
+    labels : ndarray of int32, shape (M, N)
+        Blobs, 0 elsewhere.
+    blobs : Blobs
+        Their measures.
+    classes : ndarray of str, shape (n,)
+        Class of each blob.
+    """
+
+    threshold: float
+    flawless_dn: float
+    labels: NDArray[np.int32]
+    blobs: Blobs
+    classes: NDArray[np.str_]
+
+
+@dataclass(frozen=True)
+class Result:
+    """A simulated inspection: images, what was found in them, and how good that is.
+
+    Attributes
+    ----------
+    station : Station
+    info : DeviceInfo
+        Backend, device, driver and version that made the images.
+    aspect : ndarray of float32, shape (M, N)
+        Aspect image, DN.
+    lost : ndarray of uint8, shape (M, N)
+        Why a pixel sees no light, index into ``backends.LOST``.
+    truth : ndarray of int32, shape (M, N)
+        Zones: 0 flawless, i the i-th of ``defects``.
+    defects : tuple of KnownDefect
+    inspection : Inspection
+    score : Score
+    confusion : Confusion
+    light_map : LightMap
+        For single images: ``result.light_map.image(k)``.
+    relief : Relief
+    warnings : tuple of str
+    """
+
+    station: Station
+    info: DeviceInfo
+    aspect: Image
+    lost: NDArray[np.uint8]
+    truth: NDArray[np.int32]
+    defects: tuple[KnownDefect, ...]
+    inspection: Inspection
+    score: Score
+    confusion: Confusion
+    light_map: LightMap = field(repr=False, compare=False)
+    relief: Relief = field(repr=False, compare=False)
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def labels(self) -> NDArray[np.int32]:
+        """Blobs as a label image, shape (M, N)."""
+        return self.inspection.labels
+
+    @property
+    def blobs(self) -> Blobs:
+        """Measures of the blobs."""
+        return self.inspection.blobs
+
+    @property
+    def classes(self) -> NDArray[np.str_]:
+        """Class of each blob."""
+        return self.inspection.classes
+
+    @property
+    def threshold(self) -> float:
+        """Grey level above which a pixel was detected, DN."""
+        return self.inspection.threshold
+
+    @property
+    def flawless_dn(self) -> float:
+        """Median grey level of the part, DN."""
+        return self.inspection.flawless_dn
+
+    @cached_property
+    def valid(self) -> NDArray[np.bool_]:
+        """Pixels on the part, shape (M, N): the others are never scored."""
+        on_part: NDArray[np.bool_] = self.lost != BESIDE
+        return on_part
+
+    def _repr_png_(self) -> bytes:
+        """Show itself in a notebook: the detection over the truth."""
+        from gpuspec.figures import detection_picture, png
+
+        return png(detection_picture(self))
+
+
+def simulate(
+    station: Station,
+    backend: str | Backend = "auto",
+    device: str | None = None,
+    progress: Progress | None = None,
+) -> Result:
+    """Simulate an inspection station from part to score.
+
+    Parameters
+    ----------
+    station : Station
+    backend : str or Backend
+        A name for :func:`gpuspec.backends.open_backend`, or an open backend.
+    device : str, optional
+        Part of the device's name, or its number.
+    progress : callable, optional
+        Told in a few words what is being done.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    StationError
+        If a population does not fit, or the images exceed the memory.
+    TopographyError
+        If a topography cannot be used.
+    BackendError
+        If the backend is absent or fails.
+    """
+    tell = progress or (lambda _: None)
+    check_memory(station)
+    tell("placing defects")
+    relief = Relief.of(station)
+    truth = Truth.of(station, relief)
+    tell("opening the device")
+    engine = open_backend(backend, device) if isinstance(backend, str) else backend
+    tell(f"tracing on {engine.info.device}")
+    light_map = engine.trace(station, relief)
+    lost = light_map.lost()
+    tell("taking the aspect image")
+    aspect = light_map.aspect()
+    tell("segmenting and scoring")
+    valid = lost != BESIDE
+    found = inspect(aspect, valid, station)
+    scored = score(found.labels, truth.labels, valid, len(truth.defects))
+    kinds = [defect.kind for defect in truth.defects]
+    table = confusion(kinds, truth.labels, found.labels, found.classes)
+    return Result(
+        station, engine.info, aspect, lost, truth.labels, truth.defects, found, scored, table,
+        light_map, relief, tuple(cautions(station, truth, scored)),
+    )  # fmt: skip
+
+
+def inspect(aspect: Image, valid: NDArray[np.bool_], station: Station) -> Inspection:
+    """Segment, measure and classify an aspect image, simulated or real.
+
+    Parameters
+    ----------
+    aspect : ndarray of float32, shape (M, N)
+        Grey levels in DN.
+    valid : ndarray of bool, shape (M, N)
+        Pixels on the part.
+    station : Station
+        Its threshold, size filter, classes, sampling and full scale are used.
+
+    Returns
+    -------
+    Inspection
+    """
+    if not valid.any():
+        raise StationError(
+            f"{station.file}: no pixel of the image sees the part; check part.length_mm, "
+            f"part.width_mm and camera.sampling_mm."
+        )
+    rule = station.segmentation
+    sampling = station.camera.sampling_mm
+    level = flawless_level(aspect, valid)
+    threshold = (
+        automatic_threshold(
+            aspect,
+            valid,
+            full_scale_dn=station.sensor.full_scale_dn,
+            images=station.sequence.images,
+        )
+        if rule.threshold == "auto"
+        else float(rule.threshold)
+    )
+    labels = segment(
+        aspect, valid, threshold, min_area_px=math.ceil(rule.min_area_mm2 / sampling**2 - 1e-9)
+    )
+    blobs = measure_blobs(labels, aspect, sampling_mm=sampling, flawless_dn=level)
+    return Inspection(threshold, level, labels, blobs, classify(blobs, class_rules(station)))
+
+
+def class_rules(station: Station) -> tuple[ClassRule, ...]:
+    """Return the station's class rules, or the default ones if it has none."""
+    if not station.classes:
+        return tuple(DEFAULT_RULES)
+    return tuple(
+        ClassRule(
+            rule.name,
+            (rule.area_min_mm2, rule.area_max_mm2),
+            (rule.weight_min_dn, rule.weight_max_dn),
+            (rule.elongation_min, rule.elongation_max),
+        )
+        for rule in station.classes
+    )
+
+
+def check_memory(station: Station) -> None:
+    """Refuse an image that the host's memory cannot hold, before any work.
+
+    Raises
+    ------
+    StationError
+        With the sampling that would fit.
+    """
+    rows, columns = station.shape
+    needed = rows * columns * _BYTES_PER_PIXEL
+    available = _available_bytes()
+    if needed > available:
+        coarser = station.camera.sampling_mm * math.sqrt(needed / available)
+        raise StationError(
+            f"{station.file}: camera.sampling_mm = {station.camera.sampling_mm:g} makes an image of "
+            f"{columns} x {rows} pixels, which needs {needed / 2**30:.1f} GiB of memory while "
+            f"{available / 2**30:.1f} GiB are free; {coarser:.2g} or more fits, or set "
+            f"camera.columns and camera.rows to see a piece."
+        )
+
+
+def _available_bytes() -> int:
+    try:
+        with open("/proc/meminfo", encoding="ascii") as lines:  # noqa: PTH123
+            for line in lines:
+                if line.startswith("MemAvailable"):
+                    return int(line.split()[1]) * 1024
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (OSError, ValueError, AttributeError):
+        return 2**63
+
+
+def cautions(station: Station, truth: Truth, scored: Score) -> list[str]:
+    """Return what a user should know before trusting the score, a sentence each."""
+    said = []
+    rule = station.segmentation
+    sizes = [_zone_area(defect) for defect in truth.defects]
+    if sizes and rule.min_area_mm2 > min(sizes):
+        small = sum(size < rule.min_area_mm2 for size in sizes)
+        said.append(
+            f"segmentation.min_area_mm2 = {rule.min_area_mm2:g} may swallow {small} of "
+            f"{len(sizes)} defects: the smallest zone has {min(sizes):.2g} mm2."
+        )
+    if scored.unseen:
+        said.append(
+            f"{scored.unseen} of {scored.defects} defects have no pixel of their own in the image: "
+            f"outside the field, smaller than camera.sampling_mm, or under another."
+        )
+    if station.sensor.exposure <= 1 and station.sequence.fusion == "mean":
+        said.append(
+            f"sensor.exposure = {station.sensor.exposure:g} does not saturate the sensor: the mean "
+            f"over a whole period then has no contrast."
+        )
+    periods = station.sequence.images * station.step_mm / station.tunnel.period_mm
+    if station.distinct_shifts is None:
+        said.append(
+            f"the {station.sequence.images} images cover {periods:.3g} periods of the stripes: the "
+            f"flawless level is even only over whole periods."
+        )
+    if station.tunnel.opening_length_mm:
+        share = 1 - station.tunnel.top_mm / station.camera.height_mm
+        view = [share * size for size in (station.part.length_mm, station.part.width_mm)]
+        opening = station.tunnel.opening_length_mm, station.tunnel.opening_width_mm
+        if opening[0] < view[0] or opening[1] < view[1]:
+            said.append(
+                f"the camera opening of {opening[0]:g} x {opening[1]:g} mm is smaller than the "
+                f"camera's view through the tunnel's top, {view[0]:.3g} x {view[1]:.3g} mm; the "
+                f"tunnel is taken as transparent to the camera itself."
+            )
+    return said
+
+
+def _zone_area(defect: KnownDefect) -> float:
+    return math.pi * (defect.size_mm / 2) ** 2 + defect.size_mm * defect.length_mm
+
+

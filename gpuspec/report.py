@@ -1,0 +1,200 @@
+"""What a run leaves behind: images, tables, score and pictures, each whole or not at all."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpuspec import __version__
+from gpuspec.errors import OutputError
+from gpuspec.inspection import Result
+from gpuspec.stationfile import to_toml
+
+FILES = (
+    "aspect.tif", "frames.tif", "labels.tif", "truth.tif", "blobs.csv", "defects.csv",
+    "score.json", "station.toml", "station.png", "sequence.png", "sequence.gif", "aspect.png",
+    "detection.png", "histogram.png", "lost.png",
+)  # fmt: skip
+
+
+@contextmanager
+def output_folder(folder: Path) -> Iterator[Path]:
+    """Give a hidden folder to write in; on success its files move to `folder`, else it vanishes.
+
+    Files of an earlier run that this one did not write are removed with the move, so that a folder
+    never mixes two runs.
+
+    Raises
+    ------
+    OutputError
+        If the folder cannot be made or written, or the disk is full.
+    """
+    folder = Path(folder)
+    partial: Path | None = None
+    try:
+        if folder.exists() and not folder.is_dir():
+            raise OutputError(f"{folder} is a file; choose another folder with -o.")
+        above = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.is_dir())
+        partial = Path(tempfile.mkdtemp(prefix=".gpuspec-", dir=above))
+        partial.chmod(0o755)
+        yield partial
+        folder.mkdir(parents=True, exist_ok=True)
+        written = sorted(path.name for path in partial.iterdir())
+        for name in written:
+            (partial / name).replace(folder / name)
+        for name in set(FILES).difference(written):
+            (folder / name).unlink(missing_ok=True)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise OutputError(
+            f"results cannot be written to {folder}: {reason}. Free some space or choose another "
+            f"folder with -o; nothing half-written was left."
+        ) from None
+    finally:
+        if partial is not None:
+            shutil.rmtree(partial, ignore_errors=True)
+
+
+def write(
+    result: Result,
+    folder: str | Path,
+    *,
+    frames: bool = False,
+    pictures: bool = True,
+    progress: Callable[[str], None] | None = None,
+) -> None:
+    """Write a run's files into a folder.
+
+    Parameters
+    ----------
+    result : Result
+    folder : str or Path
+        Made if missing. Files of an earlier run in it are replaced.
+    frames : bool
+        Whether to write every image of the sequence, too.
+    pictures : bool
+        Whether to draw the pictures.
+    progress : callable, optional
+        Told what is being written.
+
+    Raises
+    ------
+    OutputError
+        If the folder cannot be written or the disk is full; nothing is left half-written.
+    """
+    with output_folder(Path(folder)) as partial:
+        write_files(result, partial, frames=frames, pictures=pictures, progress=progress)
+
+
+def write_files(
+    result: Result,
+    folder: Path,
+    *,
+    frames: bool,
+    pictures: bool,
+    progress: Callable[[str], None] | None = None,
+) -> None:
+    """Write a run's files straight into an existing folder; see :func:`write`."""
+    tell = progress or (lambda _: None)
+    tell("writing images and tables")
+    _write_tif(folder / "aspect.tif", result.aspect, result)
+    _write_tif(folder / "labels.tif", result.labels, result)
+    _write_tif(folder / "truth.tif", result.truth, result)
+    with (folder / "blobs.csv").open("w", encoding="utf-8", newline="") as file:
+        result.blobs.write_csv(file, result.classes)
+    _write_defects(folder / "defects.csv", result)
+    (folder / "score.json").write_text(json.dumps(summary(result), indent=2) + "\n", "utf-8")
+    (folder / "station.toml").write_text(to_toml(result.station), "utf-8")
+    if frames:
+        _write_frames(folder / "frames.tif", result, tell)
+    if pictures:
+        from gpuspec import figures
+
+        for name, draw in figures.PICTURES.items():
+            tell(f"drawing {name}")
+            draw(result, folder / name)
+
+
+def provenance(result: Result) -> dict[str, Any]:
+    """Return what every output records: program, backend, device, driver and version."""
+    return {"gpuspec": __version__, **result.info.as_dict()}
+
+
+def summary(result: Result) -> dict[str, Any]:
+    """Return the content of `score.json`: score, threshold, classes, confusion, provenance."""
+    names, counts = np.unique(result.classes, return_counts=True)
+    return {
+        **provenance(result),
+        "station": result.station.file,
+        "threshold_dn": result.threshold,
+        "flawless_dn": result.flawless_dn,
+        "score": result.score.as_dict(),
+        "classes": {str(n): int(c) for n, c in zip(names, counts, strict=True)},
+        "confusion": {
+            row: dict(zip(result.confusion.columns, map(int, line), strict=True))
+            for row, line in zip(result.confusion.rows, result.confusion.counts, strict=True)
+        },
+        "warnings": list(result.warnings),
+    }
+
+
+def _tags(result: Result) -> dict[str, Any]:
+    per_cm = 10 / result.station.camera.sampling_mm
+    return {
+        "resolution": (per_cm, per_cm),
+        "resolutionunit": "CENTIMETER",
+        "software": f"gpuspec {__version__}",
+        "description": json.dumps(
+            {**provenance(result), "sampling_mm": result.station.camera.sampling_mm}
+        ),
+        "metadata": None,
+    }
+
+
+def _write_tif(path: Path, image: NDArray[Any], result: Result) -> None:
+    import tifffile
+
+    tifffile.imwrite(path, image, compression="zlib" if image.dtype == np.int32 else None,
+                     **_tags(result))  # fmt: skip
+
+
+def _write_frames(path: Path, result: Result, tell: Callable[[str], None]) -> None:
+    """Write the images one after another: the sequence is never held."""
+    import tifffile
+
+    station = result.station
+    dtype = np.uint8 if station.sensor.bit_depth == 8 else np.uint16
+    rows, columns = station.shape
+    size = rows * columns * np.dtype(dtype).itemsize * station.sequence.images
+    with tifffile.TiffWriter(path, bigtiff=size > 2**31) as file:
+        for k in range(station.sequence.images):
+            tell(f"writing image {k + 1} of {station.sequence.images}")
+            grey = np.rint(result.light_map.image(k)).astype(dtype)
+            file.write(grey, contiguous=False, **_tags(result))
+
+
+def _write_defects(path: Path, result: Result) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file)
+        table.writerow(
+            ("defect", "kind", "x_mm", "y_mm", "size_mm", "length_mm", "depth_um", "zone_px",
+             "hit_px", "hit")
+        )  # fmt: skip
+        hits = zip(result.score.defect_zone_px, result.score.defect_hit_px, strict=True)
+        for number, (defect, (zone, hit)) in enumerate(
+            zip(result.defects, hits, strict=True), 1
+        ):
+            table.writerow(
+                (number, defect.kind, f"{defect.x_mm:.4f}", f"{defect.y_mm:.4f}",
+                 f"{defect.size_mm:.4g}", f"{defect.length_mm:.4g}", f"{defect.depth_um:.4g}",
+                 int(zone), int(hit), "yes" if hit else "no")
+            )  # fmt: skip
