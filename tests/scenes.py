@@ -1,0 +1,78 @@
+"""Stations for tests, and the same scenes as the oracle takes them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import oracle
+from gpuspec.station import Station
+
+
+def check_station(
+    pupil: float = 3.0,
+    sigma: float = 0.25,
+    depth: float = 0.010,
+    exposure: float = 4.0,
+    **changes: Any,
+) -> Station:
+    """The model's check scene: one dent seen by 32 x 32 pixels of 0.1 mm under a ceiling."""
+    station = Station.from_dict(
+        {
+            "tunnel": {"height_mm": 150.0, "luminous_mm": 4.0, "dark_mm": 12.0},
+            "camera": {
+                "height_mm": 800.0, "sampling_mm": 0.1, "columns": 32, "rows": 32,
+                "pupil_mm": pupil,
+            },
+            "sensor": {"exposure": exposure},
+            "sequence": {"images": 40},
+            "defects": [
+                {
+                    "kind": "dent", "x_mm": 0.03, "y_mm": -0.02, "diameter_mm": 4 * sigma,
+                    "depth_um": depth * 1e3,
+                }
+            ],
+        }
+    )  # fmt: skip
+    return station.replace(**changes)
+
+
+def oracle_scene(station: Station) -> oracle.Scene:
+    """What the oracle must be told to judge a station with dents, bumps and scratches."""
+    part, tunnel, camera, sensor = station.part, station.tunnel, station.camera, station.sensor
+    rows, columns = station.shape
+    grooves = []
+    for defect in station.defects:
+        if defect.kind == "scratch":
+            points, size = defect.points_mm, defect.width_mm
+        else:
+            points, size = ((defect.x_mm, defect.y_mm),), defect.diameter_mm
+        depth = defect.depth_um * (1e-3 if defect.kind == "bump" else -1e-3)
+        grooves.append(oracle.Groove(points, size / 4, depth))
+    return oracle.Scene(
+        camera_height_mm=camera.height_mm,
+        sampling_mm=camera.sampling_mm,
+        rows=rows,
+        columns=columns,
+        pupil_mm=camera.pupil_mm,
+        part_length_mm=part.length_mm,
+        part_width_mm=part.width_mm,
+        crown_radius_x_mm=part.crown_radius_x_mm,
+        crown_radius_y_mm=part.crown_radius_y_mm,
+        surface=part.surface,
+        section=tunnel.section,
+        tunnel_height_mm=tunnel.top_mm,
+        tunnel_width_mm=tunnel.width_mm,
+        tunnel_length_mm=tunnel.length_mm,
+        opening_length_mm=tunnel.opening_length_mm,
+        opening_width_mm=tunnel.opening_width_mm,
+        luminous_mm=tunnel.luminous_mm,
+        dark_mm=tunnel.dark_mm,
+        dark_leak=tunnel.dark_leak,
+        exposure=sensor.exposure,
+        images=station.sequence.images,
+        step_mm=station.sequence.step_mm,
+        full_scale=sensor.full_scale_dn,
+        roughness_rad=part.roughness_rad,
+        vignetting=camera.vignetting,
+        grooves=tuple(grooves),
+    )
