@@ -174,7 +174,7 @@ def simulate(
     aspect = light_map.aspect()
     tell("segmenting and scoring")
     valid = lost != BESIDE
-    found = inspect(aspect, valid, station)
+    found = inspect(aspect, valid, station, lost == 0)
     scored = score(found.labels, truth.labels, valid, len(truth.defects))
     kinds = [defect.kind for defect in truth.defects]
     table = confusion(kinds, truth.labels, found.labels, found.classes)
@@ -184,7 +184,12 @@ def simulate(
     )  # fmt: skip
 
 
-def inspect(aspect: Image, valid: NDArray[np.bool_], station: Station) -> Inspection:
+def inspect(
+    aspect: Image,
+    valid: NDArray[np.bool_],
+    station: Station,
+    lit: NDArray[np.bool_] | None = None,
+) -> Inspection:
     """Segment, measure and classify an aspect image, simulated or real.
 
     Parameters
@@ -195,6 +200,9 @@ def inspect(aspect: Image, valid: NDArray[np.bool_], station: Station) -> Inspec
         Pixels on the part.
     station : Station
         Its threshold, size filter, classes, sampling and full scale are used.
+    lit : ndarray of bool, shape (M, N), optional
+        Pixels known to see the light, from which the flawless level and the automatic threshold
+        are taken; None, or none at all: the valid ones.
 
     Returns
     -------
@@ -207,11 +215,13 @@ def inspect(aspect: Image, valid: NDArray[np.bool_], station: Station) -> Inspec
         )
     rule = station.segmentation
     sampling = station.camera.sampling_mm
-    level = flawless_level(aspect, valid)
+    if lit is None or not lit.any():
+        lit = valid
+    level = flawless_level(aspect, lit)
     threshold = (
         automatic_threshold(
             aspect,
-            valid,
+            lit,
             full_scale_dn=station.sensor.full_scale_dn,
             images=station.sequence.images,
         )

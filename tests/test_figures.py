@@ -1,0 +1,334 @@
+"""The pictures: made for every kind of part, to scale, in the colours their legends say."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import warnings
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+from PIL import Image
+
+from gpuspec import figures
+from gpuspec.backends import LOST
+from gpuspec.drawing import MARGIN, WIDTH, station_drawing
+from gpuspec.figures import (
+    PICTURES,
+    SKY,
+    VERMILION,
+    YELLOW,
+    aspect_picture,
+    detection_picture,
+    histogram_picture,
+    lost_picture,
+    png,
+    sequence_animation,
+    sequence_strip,
+    station_picture,
+)
+from gpuspec.inspection import Result, simulate
+from gpuspec.reference import ray_paths
+from gpuspec.scoring import score
+from gpuspec.station import Station
+
+FIGURES = (
+    station_picture,
+    sequence_strip,
+    aspect_picture,
+    detection_picture,
+    histogram_picture,
+    lost_picture,
+)
+
+# A deep scratch that is hit, a dent too shallow to be seen, and both across more pixels than the
+# page has, so that images are reduced.
+REDUCED = """
+part = { length_mm = 120.0, width_mm = 30.0 }
+defects = [
+    { kind = "scratch", points_mm = [[-30.0, -5.0], [-20.0, 5.0]], width_mm = 0.6, depth_um = 9.0 },
+    { kind = "dent", x_mm = 40.0, y_mm = 6.0, diameter_mm = 0.8, depth_um = 0.02 },
+]
+"""
+SMALL = "camera = { sampling_mm = 0.1 }\n"
+DENT = '[[defects]]\nkind = "dent"\nx_mm = 1.0\ny_mm = 0.5\ndiameter_mm = 0.8\ndepth_um = 6.0\n'
+STATIONS = {
+    "normal": SMALL + "part = { length_mm = 24.0, width_mm = 8.0 }\n" + DENT,
+    "flawless": SMALL + "part = { length_mm = 24.0, width_mm = 8.0 }\n",
+    "nothing detected": SMALL
+    + "part = { length_mm = 24.0, width_mm = 8.0 }\nsegmentation = { threshold = 254.5 }\n"
+    + DENT.replace("6.0", "0.1"),
+    "all detected": SMALL
+    + "part = { length_mm = 24.0, width_mm = 8.0 }\nsegmentation = { threshold = 0.0 }\n"
+    + DENT,
+    "crowned in a box": SMALL.replace("}", ", columns = 300, rows = 120 }")
+    + "part = { length_mm = 24.0, width_mm = 8.0, crown_radius_x_mm = 60.0 }\n"
+    + 'tunnel = { section = "box", width_mm = 200.0, length_mm = 150.0, opening_length_mm = 4.0, '
+    + "opening_width_mm = 3.0 }\n"
+    + DENT,
+    "tall in an arch": SMALL
+    + "part = { length_mm = 6.0, width_mm = 40.0 }\n"
+    + 'tunnel = { section = "arch", radius_mm = 60.0 }\n'
+    + DENT,
+    "square, noisy, 12 bit": SMALL
+    + "part = { length_mm = 12.0, width_mm = 12.0 }\nsensor = { noise = true, bit_depth = 12 }\n"
+    + DENT,
+    "8 x 8 pixels": "camera = { sampling_mm = 0.1, columns = 8, rows = 8 }\n",
+    "one line": "camera = { sampling_mm = 0.1, columns = 400, rows = 1 }\n",
+    "one pixel": "camera = { columns = 1, rows = 1 }\n",
+    "one image": SMALL
+    + "part = { length_mm = 12.0, width_mm = 4.0 }\nsequence = { images = 1 }\n"
+    + DENT,
+    "far camera, fine stripes": SMALL.replace("}", ", height_mm = 5000.0, pupil_mm = 0.0 }")
+    + "part = { length_mm = 24.0, width_mm = 8.0 }\n"
+    + "tunnel = { luminous_mm = 0.2, dark_mm = 0.1 }\n",
+}
+
+
+@pytest.fixture(scope="module", params=STATIONS)
+def result(request: pytest.FixtureRequest) -> Result:
+    return simulate(Station.parse(STATIONS[request.param]))
+
+
+@pytest.fixture(scope="module")
+def reduced() -> Result:
+    return simulate(Station.parse(REDUCED))
+
+
+def pixels(figure: Figure) -> np.ndarray:
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3]
+
+
+def is_colour(image: np.ndarray, colour: str) -> np.ndarray:
+    return (image == np.round(255 * np.array(to_rgb(colour)))).all(axis=-1)
+
+
+def whole_image_axes(figure: Figure, result: Result):
+    half = result.station.shape[1] * result.station.camera.sampling_mm / 2
+    return next(ax for ax in figure.axes if ax.images and ax.get_xlim()[1] == pytest.approx(half))
+
+
+def colour_at(figure: Figure, result: Result, x_mm: float, y_mm: float) -> np.ndarray:
+    """What is drawn at a point of the part: 3 x 3 pixels round it."""
+    image = pixels(figure)
+    x, y = whole_image_axes(figure, result).transData.transform((x_mm, y_mm))
+    row, column = image.shape[0] - 1 - int(y), int(x)
+    return image[row - 1 : row + 2, column - 1 : column + 2]
+
+
+@pytest.mark.parametrize("draw", FIGURES, ids=lambda draw: draw.__name__)
+def test_every_picture_of_every_station_is_legible_and_without_a_warning(
+    draw, result: Result
+) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        figure = draw(result)
+        image = pixels(figure)
+    assert image.shape[1] == WIDTH
+    assert (image[0] == 255).all(), "the page is white"
+    assert not (image == 255).all()
+    ticks = [t for ax in figure.axes for t in (*ax.get_xticklabels(), *ax.get_yticklabels())]
+    for text in figure.findobj(Text):
+        if text.get_text() and text.get_visible():
+            assert text.get_fontsize() >= 9, text
+            box = text.get_window_extent()
+            # Labels of ticks beyond the axes exist but are not drawn.
+            assert text in ticks or (box.x0 >= 0 and box.x1 <= WIDTH and box.y0 >= 0), text
+
+
+def test_pictures_leave_no_trace_in_matplotlib(reduced: Result) -> None:
+    import matplotlib
+
+    before = dict(matplotlib.rcParams)
+    png(detection_picture(reduced))
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_a_missed_defect_and_a_hit_one_have_their_own_colours(reduced: Result) -> None:
+    assert [n > 0 for n in reduced.score.defect_hit_px] == [True, False]
+    figure = detection_picture(reduced)
+    assert is_colour(colour_at(figure, reduced, -25.0, 0.0), SKY).all()
+    assert is_colour(colour_at(figure, reduced, 40.0, 6.0), VERMILION).all()
+    assert not is_colour(colour_at(figure, reduced, 0.0, 0.0), VERMILION).any()
+
+
+def test_without_a_missed_defect_its_colour_is_only_in_the_legend(reduced: Result) -> None:
+    hit = dataclasses.replace(
+        reduced, score=dataclasses.replace(reduced.score, defect_hit_px=(1, 1), defects_hit=2)
+    )
+    image = pixels(detection_picture(hit))
+    assert not is_colour(image[MARGIN + 20 :], VERMILION).any()
+    assert is_colour(image[MARGIN + 20 :], SKY).any()
+
+
+@pytest.mark.parametrize("offset", range(3))
+def test_a_zone_of_one_pixel_survives_the_reduction(reduced: Result, offset: int) -> None:
+    row, column = 150, 700 + offset
+    truth = np.zeros_like(reduced.truth)
+    truth[row, column] = 1
+    no_labels = np.zeros_like(reduced.labels)
+    lone = dataclasses.replace(
+        reduced, truth=truth, score=score(no_labels, truth, reduced.valid, 2)
+    )
+    rows, columns = reduced.station.shape
+    p = reduced.station.camera.sampling_mm
+    x, y = (column + 0.5 - columns / 2) * p, (rows / 2 - row - 0.5) * p
+    assert is_colour(colour_at(detection_picture(lone), lone, x, y), VERMILION).any()
+
+
+def test_a_false_blob_has_its_own_colour(reduced: Result) -> None:
+    none = dataclasses.replace(
+        reduced,
+        truth=np.zeros_like(reduced.truth),
+        score=score(reduced.labels, np.zeros_like(reduced.truth), reduced.valid, 2),
+    )
+    image = pixels(detection_picture(none))
+    assert is_colour(image[MARGIN + 20 :], YELLOW).any()
+    assert not is_colour(image[MARGIN + 20 :], SKY).any()
+
+
+def test_details_show_missed_defects_first_then_false_blobs_then_hits() -> None:
+    station = Station.parse(
+        STATIONS["normal"]
+        + DENT.replace("1.0", "-8.0").replace("6.0", "0.02").replace("dent", "bump")
+        + DENT.replace("1.0", "8.0")
+    )
+    made = simulate(station)
+    truth = np.where(made.truth == 3, 0, made.truth)
+    made = dataclasses.replace(made, truth=truth, score=score(made.labels, truth, made.valid, 3))
+    titles = [ax.get_title(loc="left") for ax in detection_picture(made).axes]
+    kinds = [title.split(":")[0] for title in titles if ":" in title]
+    assert kinds == ["missed", "false", "hit"]
+    assert any("bump 2\n⌀ 0.8 mm, 0.02 µm high" in title for title in titles)
+
+
+def test_the_title_gives_the_score(reduced: Result) -> None:
+    words = " ".join(text.get_text() for text in detection_picture(reduced).texts)
+    assert f"P1 {reduced.score.p1:.3f}" in words
+    assert f"P2 {reduced.score.p2:.3f}" in words
+
+
+def test_on_a_flawless_part_p2_is_called_undefined() -> None:
+    flawless = simulate(Station.parse(STATIONS["flawless"]))
+    assert "P2 undefined" in " ".join(t.get_text() for t in detection_picture(flawless).texts)
+
+
+@pytest.mark.parametrize("draw", [aspect_picture, detection_picture, lost_picture])
+def test_axes_are_in_mm_of_the_part_frame(draw, result: Result) -> None:
+    rows, columns = result.station.shape
+    p = result.station.camera.sampling_mm
+    ax = whole_image_axes(draw(result), result)
+    assert ax.get_xlim() == pytest.approx((-columns * p / 2, columns * p / 2))
+    assert ax.get_ylim() == pytest.approx((-rows * p / 2, rows * p / 2))
+    assert ax.get_xlabel() == "x, mm"
+    assert ax.get_ylabel() == "y, mm"
+
+
+@pytest.mark.parametrize("draw", [aspect_picture, detection_picture, lost_picture])
+def test_images_are_reduced_before_they_are_drawn(draw, reduced: Result) -> None:
+    for ax in draw(reduced).axes:
+        for image in ax.images:
+            assert image.get_array().shape[1] <= WIDTH
+
+
+def test_reducing_keeps_the_mean_and_the_maximum_where_the_image_does_not_divide() -> None:
+    image = np.random.default_rng(1).random((7, 11)).astype(np.float32)
+    blocks = [[image[r : r + 3, c : c + 3] for c in range(0, 11, 3)] for r in range(0, 7, 3)]
+    for by, expected in ((np.add, np.mean), (np.maximum, np.max), (np.minimum, np.min)):
+        wanted = [[expected(block) for block in row] for row in blocks]
+        np.testing.assert_allclose(figures._pooled(image, 3, by), wanted, rtol=1e-6)
+
+
+def test_the_scale_bar_has_the_length_it_says(reduced: Result) -> None:
+    ax = whole_image_axes(aspect_picture(reduced), reduced)
+    start, end = ax.lines[-1].get_xdata()
+    assert ax.texts[-1].get_text() == f"{end - start:g} mm"
+
+
+def test_lost_pixels_are_in_the_colour_of_their_reason() -> None:
+    made = simulate(Station.parse(STATIONS["crowned in a box"]))
+    image = pixels(lost_picture(made))
+    present = np.unique(made.lost)
+    assert len(present) >= 3
+    for reason, colour in enumerate(figures.LOST_COLOURS):
+        if LOST[reason] != "beside the part":
+            assert is_colour(image[MARGIN + 20 :], colour).any() == (reason in present)
+
+
+def test_the_histogram_counts_every_pixel_on_the_part(reduced: Result) -> None:
+    # Each count is drawn twice, filled and as an outline.
+    outside, _, inside, _ = (
+        patch.get_data().values.sum() for patch in histogram_picture(reduced).axes[0].patches
+    )
+    assert inside == reduced.score.zone_px
+    assert outside + inside == reduced.valid.sum()
+
+
+def test_the_strip_spreads_over_one_period(reduced: Result) -> None:
+    words = [text.get_text() for text in sequence_strip(reduced, 4).texts]
+    assert [w for w in words if w.startswith("k =")] == [
+        f"k = {k}    shift {0.4 * k:.2f} mm" for k in (0, 10, 20, 30)
+    ]
+
+
+def test_a_sequence_of_many_periods_still_shows_one() -> None:
+    station = Station.parse("sequence = { images = 40, step_mm = 17.0 }")
+    shifts = np.array(figures._spread(station, 4)) * 17.0 % 16
+    np.testing.assert_allclose(shifts, [0, 4, 8, 12])
+
+
+@pytest.mark.parametrize(("frames", "expected"), [(24, 24), (7, 7), (1, 1), (100, 40)])
+def test_the_animation_has_a_frame_for_each_image(
+    reduced: Result, frames: int, expected: int
+) -> None:
+    file = io.BytesIO()
+    sequence_animation(reduced, file, frames=frames, width=300)
+    with Image.open(file) as animation:
+        assert animation.n_frames == expected
+        assert animation.width <= 360
+
+
+def test_the_animation_shows_the_image_in_grey(reduced: Result) -> None:
+    file = io.BytesIO()
+    sequence_animation(reduced, file, frames=1, width=600)
+    with Image.open(file) as animation:
+        shown = np.asarray(animation.convert("L"), float)[28:-28]
+    image = reduced.light_map.image(0)
+    mean = image.reshape(150, 4, 600, 4).mean(axis=(1, 3))
+    inner = np.s_[1:-1, 1:-1]
+    np.testing.assert_allclose(shown[inner], mean[inner], atol=4.5)
+
+
+def test_every_file_of_a_run_is_written(reduced: Result, tmp_path) -> None:
+    for name, write in PICTURES.items():
+        write(reduced, tmp_path / name)
+        with Image.open(tmp_path / name) as image:
+            assert image.format == name.rpartition(".")[2].upper()
+
+
+def test_the_station_is_drawn_to_scale() -> None:
+    station = Station.parse(STATIONS["crowned in a box"])
+    made = simulate(station)
+    x, zero = np.linspace(-10, 10, 5), np.zeros(5)
+    side = ray_paths(station, made.relief, x, zero)
+    front = ray_paths(station, made.relief, zero, x / 4)
+    figure = station_drawing(station, side, front)
+    whole, across, closer, _ = figure.axes
+    scales = []
+    for ax in (whole, across, closer):
+        box = ax.get_window_extent()
+        (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
+        assert box.width / (right - left) == pytest.approx(box.height / (high - low), rel=1e-6)
+        scales.append(box.width / (right - left))
+    assert scales[0] == pytest.approx(scales[1])
+    assert whole.get_ylim()[1] > station.camera.height_mm
+    words = " ".join(text.get_text() for ax in figure.axes for text in ax.texts)
+    for dimension in ("camera height 800 mm", "tunnel height 150 mm", "a = 4 mm", "b = 12 mm",
+                      "sampling 0.1 mm/px", "pupil ⌀ 3 mm", "opening 4 × 3 mm"):  # fmt: skip
+        assert dimension in words
