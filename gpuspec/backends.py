@@ -56,9 +56,9 @@ class LightMapArrays:
         Index into ``LOST``: why a pixel sees no light.
     """
 
-    light_mm: NDArray[np.floating[Any]]
-    footprint_mm: NDArray[np.floating[Any]]
-    irradiance: NDArray[np.floating[Any]]
+    light_mm: NDArray[Any]
+    footprint_mm: NDArray[Any]
+    irradiance: NDArray[Any]
     lost: NDArray[np.uint8]
 
 
@@ -176,7 +176,6 @@ def _open(name: str, device: str | None) -> Backend:
 
         return NumpyBackend(device)
     raise BackendError(f"backend {name!r} is not known; choose one of auto, {', '.join(BACKENDS)}.")
-
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import signal
 import sys
@@ -16,6 +17,8 @@ from gpuspec import __version__
 from gpuspec.errors import GpuspecError
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from gpuspec.inspection import Result
     from gpuspec.station import Station
 
@@ -81,8 +84,11 @@ def init(
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
 ) -> None:
     """Write a station file to start from, every key explained."""
+    from gpuspec.errors import OutputError
     from gpuspec.stationfile import example, to_toml, write_new
 
+    if path.name in ("", ".."):
+        raise OutputError(f"{path} is a folder; name a file in it, e.g. {path / 'station.toml'}.")
     if not path.suffix:
         path = path.with_suffix(".toml")
     write_new(path, to_toml(example(name)), force=force)
@@ -100,7 +106,6 @@ def schema() -> None:
 @app.command()
 def devices() -> None:
     """List backends and devices: what is there, what would be chosen, why not the others."""
-    from rich.console import Console
     from rich.table import Table
 
     from gpuspec.backends import survey
@@ -115,7 +120,7 @@ def devices() -> None:
                 entry.backend, f"{entry.number}: {info.device}", info.driver, info.version,
                 entry.remark,
             )  # fmt: skip
-    Console().print(table)
+    _console().print(table)
 
 
 def _version(asked: bool) -> None:
@@ -148,6 +153,8 @@ def _changed(station: Station, changes: list[str] | None) -> Station:
             values[key.strip()] = tomllib.loads(f"value = {value}")["value"]
         except tomllib.TOMLDecodeError:
             values[key.strip()] = value.strip()
+        except RecursionError:
+            raise StationError(f"--set {key}: the value is nested too deeply.") from None
     return station.replace(**values) if values else station
 
 
@@ -166,22 +173,26 @@ def _run(
 @contextmanager
 def _progress() -> Iterator[Any]:
     """Say on the terminal what is being done; silent where nobody watches."""
-    from rich.console import Console
+    from rich.text import Text
 
-    console = Console(stderr=True)
-    with console.status("starting") as status:
-        yield lambda text: status.update(text)
+    with _console(stderr=True).status("starting") as status:
+        yield lambda text: status.update(Text(text))
 
 
 def _summarise(result: Result, output: Path) -> None:
-    from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     score = result.score
     rows, columns = result.station.shape
-    console = Console()
-    console.print(f"[bold]{result.station.file}[/]: {columns} x {rows} pixels, "
-                  f"{result.station.sequence.images} images, {result.info}")  # fmt: skip
+    console = _console()
+    console.print(
+        Text.assemble(
+            (result.station.file, "bold"),
+            f": {columns} x {rows} pixels, {result.station.sequence.images} images, {result.info}",
+        ),
+        soft_wrap=True,
+    )
     table = Table(show_header=False, box=None)
     undefined = "undefined (flawless part)"
     table.add_row("P1 (overdetection)", f"{score.p1:.3f}", "share of detected pixels inside zones")
@@ -192,7 +203,8 @@ def _summarise(result: Result, output: Path) -> None:
     table.add_row("F1", "-" if score.f1 is None else f"{score.f1:.3f}", "")
     table.add_row("defects hit", f"{score.defects_hit} of {score.defects}", "")
     table.add_row("blobs", f"{score.blobs}", f"{score.false_blobs} false")
-    table.add_row("threshold", f"{result.threshold:.1f} DN", f"flawless {result.flawless_dn:.1f} DN")
+    flawless = f"flawless {result.flawless_dn:.1f} DN"
+    table.add_row("threshold", f"{result.threshold:.1f} DN", flawless)
     console.print(table)
     confusion = Table("known \\ found", *result.confusion.columns, title="classes")
     for row, counts in zip(result.confusion.rows, result.confusion.counts, strict=True):
@@ -200,23 +212,39 @@ def _summarise(result: Result, output: Path) -> None:
     if score.defects or score.blobs:
         console.print(confusion)
     for warning in result.warnings:
-        console.print(f"[yellow]note:[/] {warning}")
-    console.print(f"results in [bold]{output}[/]")
+        console.print(Text.assemble(("note: ", "yellow"), warning))
+    console.print(Text.assemble("results in ", (str(output), "bold")), soft_wrap=True)
+
+
+def _console(*, stderr: bool = False) -> Console:
+    """Return a terminal that prints names as they are: ``[a]`` and ``:b:`` mean nothing in them."""
+    from rich.console import Console
+
+    return Console(stderr=stderr, markup=False, emoji=False, highlight=False)
+
+
+class _Stopped(BaseException):
+    """Ctrl-C or SIGTERM; typer would answer a KeyboardInterrupt itself, each version otherwise."""
 
 
 def _stop(*_: object) -> None:
-    raise KeyboardInterrupt
+    raise _Stopped
 
 
 def main() -> None:
     """Run the command line; a user's mistake ends in one sentence and exit code 1."""
-    signal.signal(signal.SIGTERM, _stop)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, _stop)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # A name that the terminal cannot show must not end a run.
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         app()
     except GpuspecError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(1)
-    except KeyboardInterrupt:
+    except (_Stopped, KeyboardInterrupt):
         print("stopped; nothing half-written was left.", file=sys.stderr)
         sys.exit(130)
     except MemoryError:

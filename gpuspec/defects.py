@@ -23,13 +23,17 @@ MICRO = 1e-3  # mm per um
 _LENGTH = {"gt": 0, "le": 1e5}
 Length = Annotated[float, Field(**_LENGTH)]
 Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
-Depth = Annotated[float, Field(gt=0, le=1e4)]
+_DEPTH = {"gt": 0, "le": 1e4}
+Depth = Annotated[float, Field(**_DEPTH)]
 Seed = Annotated[int, Field(ge=0, le=2**32 - 1)]
 Points = Annotated[
     tuple[tuple[Coordinate, Coordinate], ...],
     Field(min_length=2, max_length=10_000, strict=False),
-    BeforeValidator(lambda v: tuple(tuple(p) if isinstance(p, list) else p for p in v)
-                    if isinstance(v, list) else v),
+    BeforeValidator(
+        lambda v: (
+            tuple(tuple(p) if isinstance(p, list) else p for p in v) if isinstance(v, list) else v
+        )
+    ),
 ]
 
 
@@ -37,7 +41,11 @@ class Section(BaseModel):
     """Frozen values: no unknown key, no coercion, no NaN."""
 
     model_config = ConfigDict(
-        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, ignored_types=(cached_property,)
+        frozen=True,
+        extra="forbid",
+        strict=True,
+        allow_inf_nan=False,
+        ignored_types=(cached_property,),
     )
 
 
@@ -52,7 +60,9 @@ class Topography(Section):
         0.0, ge=0, le=1e4, description="sigma of a Gaussian low-pass over the heights; 0: none"
     )
     zone_height_um: float | None = Field(
-        None, gt=0, le=1e4,
+        None,
+        gt=0,
+        le=1e4,
         description="|relief| above this is a defect's zone; none: the map holds no known defect",
     )
     zone_file: str | None = Field(
@@ -93,7 +103,7 @@ class Distribution(Section):
     @model_serializer
     def _short(self) -> Any:
         if self.median is not None:
-            return {"median": self.median, "spread": self.spread, "low": self.low, "high": self.high}
+            return {name: getattr(self, name) for name in ("median", "spread", "low", "high")}
         return self.low if self.low == self.high else [self.low, self.high]
 
 

@@ -1,9 +1,8 @@
-"""The page every picture is laid out on, and the scale drawing of a station."""
+"""The scale drawing of a station."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
@@ -17,65 +16,18 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from gpuspec.backends import LOST
+from gpuspec.page import MARGIN, WIDTH, Sheet, essentials
 from gpuspec.relief import shape_height
 from gpuspec.station import Station
 
-__all__ = ["MARGIN", "WIDTH", "RayPaths", "Sheet", "essentials", "station_drawing"]
+__all__ = ["RayPaths", "station_drawing"]
 
-DPI = 110
-WIDTH = 1500  # px, of a page
-MARGIN = 96  # px, left and right of what is drawn
 
 LUMINOUS, DARK, PART = "#FFC20A", "#404040", "#000000"
 SEEN, LOST_RAY, VIEW = "#0072B2", "#D55E00", "#DCE9F2"
 PANEL_PX = 9.0  # thickness of the tunnel as drawn
 STRIPE_PX_MIN = 1.5  # thinner stripes are drawn as an even tone
 FARTHEST = 4.0  # half sizes of the part: rays that go farther leave the view
-
-
-class Sheet:
-    """A white page laid out in pixels from its top left corner."""
-
-    def __init__(self, width: float, height: float) -> None:
-        self.width, self.height = width, height
-        self.figure = Figure((width / DPI, height / DPI), dpi=DPI, facecolor="white")
-
-    def axes(self, left: float, top: float, width: float, height: float) -> Axes:
-        """Add axes whose frame is this box."""
-        return self.figure.add_axes(
-            (
-                left / self.width,
-                1 - (top + height) / self.height,
-                width / self.width,
-                height / self.height,
-            )
-        )
-
-    def text(self, x: float, y: float, text: str, **style: Any) -> None:
-        """Write text whose top left corner is here."""
-        style = {"ha": "left", "va": "top", "fontsize": 10, **style}
-        self.figure.text(x / self.width, 1 - y / self.height, text, **style)
-
-    def heading(self, title: str, *lines: str) -> None:
-        """Write a bold title and lines under it, 24 px each."""
-        self.text(MARGIN, 14, title, fontsize=13, fontweight="bold")
-        for number, line in enumerate(lines):
-            self.text(MARGIN, 44 + 24 * number, line, color="#404040")
-
-    def legend(self, handles: Sequence[Any], top: float) -> None:
-        """Put a legend of one line under the heading."""
-        self.figure.legend(
-            handles=list(handles),
-            loc="upper left",
-            bbox_to_anchor=(MARGIN / self.width, 1 - top / self.height),
-            ncols=len(handles),
-            frameon=False,
-            borderaxespad=0,
-            borderpad=0,
-            handlelength=1.6,
-            columnspacing=1.8,
-            fontsize=10,
-        )
 
 
 class RayPaths(Protocol):
@@ -108,19 +60,6 @@ class _View:
     def panel(self) -> float:
         """Thickness of the tunnel as drawn, mm."""
         return PANEL_PX / self.px_per_mm
-
-
-def essentials(station: Station) -> str:
-    """Return what matters most of a station, in one line."""
-    part, tunnel, camera = station.part, station.tunnel, station.camera
-    crowned = part.crown_radius_x_mm or part.crown_radius_y_mm
-    return (
-        f"{'crowned' if crowned else 'flat'} part {part.length_mm:g} × {part.width_mm:g} mm  ·  "
-        f"{tunnel.section} at {tunnel.top_mm:g} mm, stripes {tunnel.luminous_mm:g} + "
-        f"{tunnel.dark_mm:g} mm  ·  camera at {camera.height_mm:g} mm, {camera.sampling_mm:g} "
-        f"mm/px, pupil {camera.pupil_mm:g} mm  ·  exposure {station.sensor.exposure:g}, "
-        f"{station.sequence.images} images"
-    )
 
 
 def station_drawing(station: Station, side_paths: RayPaths, front_paths: RayPaths) -> Figure:

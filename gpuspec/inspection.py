@@ -1,4 +1,4 @@
-"""The way through, in one place: station, light map, aspect image, labels, blobs, classes, score."""
+"""The way through, in one place: from station and light map to blobs, classes and score."""
 
 from __future__ import annotations
 
@@ -264,8 +264,8 @@ def check_memory(station: Station) -> None:
     if needed > available:
         coarser = station.camera.sampling_mm * math.sqrt(needed / available)
         raise StationError(
-            f"{station.file}: camera.sampling_mm = {station.camera.sampling_mm:g} makes an image of "
-            f"{columns} x {rows} pixels, which needs {needed / 2**30:.1f} GiB of memory while "
+            f"{station.file}: camera.sampling_mm = {station.camera.sampling_mm:g} makes an image "
+            f"of {columns} x {rows} pixels, which needs {needed / 2**30:.1f} GiB of memory while "
             f"{available / 2**30:.1f} GiB are free; {coarser:.2g} or more fits, or set "
             f"camera.columns and camera.rows to see a piece."
         )
@@ -324,5 +324,3 @@ def cautions(station: Station, truth: Truth, scored: Score) -> list[str]:
 
 def _zone_area(defect: KnownDefect) -> float:
     return math.pi * (defect.size_mm / 2) ** 2 + defect.size_mm * defect.length_mm
-
-

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -76,11 +75,10 @@ class OpenCLBackend(Backend):
     """
 
     def __init__(self, device: str | None = None, memory_bytes: int | None = None) -> None:
-        os.environ.setdefault("PYOPENCL_NO_CACHE", "0")
+        self.device = _chosen(devices(), device)  # says what to install where pyopencl is missing
         import pyopencl as cl
 
         self.cl = cl
-        self.device = _chosen(devices(), device)
         self.info = describe(self.device)
         on_cpu = bool(self.device.type & cl.device_type.CPU)
         self.width = 8 if on_cpu else 1
@@ -152,10 +150,10 @@ class OpenCLBackend(Backend):
 def _chosen(found: list[Any], wanted: str | None) -> Any:
     if wanted is None:
         return found[0]
-    if wanted.isdigit() and int(wanted) < len(found):
+    if wanted.isdecimal() and int(wanted) < len(found):
         return found[int(wanted)]
     for device in found:
-        if not wanted.isdigit() and wanted.lower() in device.name.lower():
+        if not wanted.isdecimal() and wanted.lower() in device.name.lower():
             return device
     names = "; ".join(f"{i}: {d.name.strip()}" for i, d in enumerate(found))
     raise BackendError(f"opencl: no device {wanted!r}; there are {names}.")
@@ -212,12 +210,8 @@ class OpenCLLightMap(LightMap):
         b = self._backend
         plane = rows * self._stride
         try:
-            tile = _Tile(
-                first_row,
-                rows,
-                *(b.empty(4 * plane * self._sub_rays) for _ in range(3)),
-                b.empty(plane),
-            )
+            light, footprint, irradiance = (b.empty(4 * plane * self._sub_rays) for _ in range(3))
+            tile = _Tile(first_row, rows, light, footprint, irradiance, b.empty(plane))
             geometry, *relief = self._inputs
             b.trace_kernel(
                 b.queue, (self._stride // b.width, rows), None,
@@ -249,6 +243,11 @@ class OpenCLLightMap(LightMap):
             self._copy_home(out, grey, np.float32)
         return images
 
+    def _image(self, run: Callable[[_Tile, Any], None]) -> Image:
+        """Run a kernel of one plane on every tile and bring it home, shape (M, N)."""
+        image: Image = self._images(1, run)[0]
+        return image
+
     def _copy_home(self, out: NDArray[Any], buffer: Any, dtype: Any) -> None:
         """Copy planes (P, rows, stride) of a buffer to out (P, rows, N)."""
         b = self._backend
@@ -259,7 +258,9 @@ class OpenCLLightMap(LightMap):
         b.cl.enqueue_copy(b.queue, padded, buffer)
         out[...] = padded[..., : out.shape[-1]]
 
-    def _run(self, kernel: Any, tile: _Tile, grey: Any, station: Station | None, *more: Any) -> None:
+    def _run(
+        self, kernel: Any, tile: _Tile, grey: Any, station: Station | None, *more: Any
+    ) -> None:
         b = self._backend
         kernel(
             b.queue, (self._stride // b.width, tile.rows), None,
@@ -280,28 +281,26 @@ class OpenCLLightMap(LightMap):
             ):
                 self._copy_home(array[band], buffer, np.float32)
             self._copy_home(lost[band], tile.lost, np.uint8)
-        return LightMapArrays(*arrays, lost[0])
+        light, footprint, irradiance = arrays
+        return LightMapArrays(light, footprint, irradiance, lost[0])
 
     def lost(self) -> NDArray[np.uint8]:
         """See :meth:`LightMap.lost`."""
-        rows, columns = self.station.shape
-        lost = np.empty((1, rows, columns), np.uint8)
+        lost = np.empty(self.station.shape, np.uint8)
         for tile in self._tiles():
-            out = lost[:, tile.first_row : tile.first_row + tile.rows]
+            out = lost[tile.first_row : tile.first_row + tile.rows]
             self._copy_home(out, tile.lost, np.uint8)
-        return lost[0]
+        return lost
 
     def image(self, k: int, station: Station | None = None) -> Image:
         """See :meth:`LightMap.image`."""
         kernel = self._backend.image_kernel
-        return self._images(
-            1, lambda tile, grey: self._run(kernel, tile, grey, station, np.int32(k))
-        )[0]
+        return self._image(lambda tile, grey: self._run(kernel, tile, grey, station, np.int32(k)))
 
     def mean(self, station: Station | None = None) -> Image:
         """See :meth:`LightMap.mean`."""
         kernel = self._backend.mean_kernel
-        return self._images(1, lambda tile, grey: self._run(kernel, tile, grey, station))[0]
+        return self._image(lambda tile, grey: self._run(kernel, tile, grey, station))
 
     def fuse(self, station: Station | None = None) -> dict[str, Image]:
         """See :meth:`LightMap.fuse`."""
@@ -322,4 +321,4 @@ class OpenCLLightMap(LightMap):
                 grey, tile.light, tile.footprint, tile.irradiance, design,
             )  # fmt: skip
 
-        return self._images(1, run)[0]
+        return self._image(run)

@@ -72,11 +72,13 @@ def _placed(
     # Only raw uniform numbers are drawn: their stream is the one numpy promises to keep.
     random = np.random.Generator(np.random.PCG64([population.seed, number]))
     depth = draw(population.depth_um, random.random(count))
-    scratches = isinstance(population, ScratchPopulation)
-    size = draw(population.width_mm if scratches else population.diameter_mm, random.random(count))
-    extent = draw(population.length_mm, random.random(count)) if scratches else np.zeros(count)
-    vertices = population.vertices if scratches else 1
-    bend = population.bend_rad if scratches else 0.0
+    extent, vertices, bend = np.zeros(count), 1, 0.0
+    if isinstance(population, ScratchPopulation):
+        size = draw(population.width_mm, random.random(count))
+        extent = draw(population.length_mm, random.random(count))
+        vertices, bend = population.vertices, population.bend_rad
+    else:
+        size = draw(population.diameter_mm, random.random(count))
     area = (np.pi / 4 * size**2 + size * extent).sum()
     points = np.zeros((count, vertices, 2))
     done = np.zeros(count, bool)

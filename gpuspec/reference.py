@@ -57,11 +57,10 @@ class Part:
         grooves = averaged(relief.grooves, station)
         ends = np.flatnonzero(np.diff(grooves.owner)) + 1
         self.grooves = [
-            Grooves(*(field[piece] for field in (grooves.ends, grooves.depth, grooves.sigma,
-                                                 grooves.owner)))
-            for piece in np.split(np.arange(len(grooves)), ends)
-            if len(piece)
-        ]  # fmt: skip
+            Grooves(grooves.ends[p], grooves.depth[p], grooves.sigma[p], grooves.owner[p])
+            for p in np.split(np.arange(len(grooves)), ends)
+            if len(p)
+        ]
         self.maps = relief.maps
 
     def at(self, x: Array, y: Array) -> Surface:
@@ -132,7 +131,8 @@ def meet(part: Part, station: Station, x0: Array, y0: Array) -> tuple[Array, Sur
 
 
 def _dot(a: Array, b: Array) -> Array:
-    return np.einsum("i...,i...->...", a, b)
+    product: Array = np.einsum("i...,i...->...", a, b)
+    return product
 
 
 def hit_tunnel(station: Station, origin: Array, ray: Array) -> tuple[Array, Array]:
@@ -223,7 +223,8 @@ def _follow(part: Part, station: Station, x0: Array, y0: Array) -> Paths:
         di = (dp - incident * _dot(incident, dp)) / viewing
         dn = np.stack([-(s.zxx * dp[0] + s.zxy * dp[1]), -(s.zxy * dp[0] + s.zyy * dp[1]), 0 * z])
         dn = (dn - normal * _dot(normal, dn)) / size
-        dr = di - 2 * (_dot(incident, normal) * dn + (_dot(di, normal) + _dot(incident, dn)) * normal)
+        turned = (_dot(di, normal) + _dot(incident, dn)) * normal
+        dr = di - 2 * (_dot(incident, normal) * dn + turned)
         moved = dp + path * dr
         dt = -_dot(wall, moved) / np.maximum(_dot(wall, ray), 1e-6)
         square += (moved[0] + dt * ray[0]) ** 2
@@ -243,7 +244,8 @@ def _follow(part: Part, station: Station, x0: Array, y0: Array) -> Paths:
     beside = np.abs(point[0]) > station.part.length_mm / 2
     lost[beside | (np.abs(point[1]) > station.part.width_mm / 2)] = 1
     field = (h / np.sqrt(x0**2 + y0**2 + h**2)) ** 4 if camera.vignetting == "cos4" else 1.0
-    seen = field * fresnel_reflectance(np.abs(_dot(incident, normal)), *MATERIALS[station.part.material])
+    cosine = np.abs(_dot(incident, normal))
+    seen = field * fresnel_reflectance(cosine, *MATERIALS[station.part.material])
     return Paths(
         np.moveaxis(point, 0, -1),
         np.moveaxis(light, 0, -1),
@@ -339,7 +341,8 @@ def normal_numbers(word: NDArray[np.uint32], other: NDArray[np.uint32]) -> tuple
 
 def poisson_number(mu: Array, uniform: Array, normal: Array) -> Array:
     """Return Poisson numbers: exact below ``POISSON_EXACT``, Gaussian and rounded above."""
-    many = np.maximum(np.floor(mu + np.sqrt(mu) * normal + 0.5), 0)
+    # Rounding adds a variance of 1/12.
+    many = np.maximum(np.floor(mu + np.sqrt(np.maximum(mu - 1 / 12, 0)) * normal + 0.5), 0)
     few = mu < POISSON_EXACT
     term = np.exp(-np.minimum(mu, POISSON_EXACT))
     total, count = term.copy(), np.zeros_like(mu)
@@ -392,12 +395,12 @@ class NumpyLightMap(LightMap):
         part = Part(station, relief)
         arrays = [np.empty((n * n, rows, columns)) for _ in range(3)]
         lost = np.empty((n * n, rows, columns), np.uint8)
-        column = np.arange(columns)[None, :]
+        column = np.arange(columns, dtype=np.float64)[None, :]
         for band in self._bands():
-            row = np.arange(band.start, band.stop)[:, None]
+            row = np.arange(band.start, band.stop, dtype=np.float64)[:, None]
             for i in range(n * n):
-                x0 = (column + (i % n + 0.5) / n - columns / 2) * p
-                y0 = (rows / 2 - row - (i // n + 0.5) / n) * p
+                x0: Array = (column + (i % n + 0.5) / n - columns / 2) * p
+                y0: Array = (rows / 2 - row - (i // n + 0.5) / n) * p
                 paths = _follow(part, station, x0, y0)
                 seen = paths.lost == 0
                 arrays[0][i, band] = np.where(seen, paths.light[..., 0], 0)
@@ -424,7 +427,8 @@ class NumpyLightMap(LightMap):
     def _grey(self, band: slice, k: int, station: Station) -> Array:
         """Grey levels of image k in some rows, float64."""
         m = self._arrays
-        lit = lit_fraction(m.light_mm[:, band], m.footprint_mm[:, band], k * station.step_mm, station)
+        shift = k * station.step_mm
+        lit = lit_fraction(m.light_mm[:, band], m.footprint_mm[:, band], shift, station)
         leak = station.tunnel.dark_leak
         signal = (m.irradiance[:, band] * (leak + (1 - leak) * lit)).mean(axis=0)
         column = np.arange(self.station.shape[1])[None, :]
@@ -469,8 +473,12 @@ class NumpyLightMap(LightMap):
     def closed_form(self, station: Station | None = None) -> Image:
         """See :meth:`LightMap.closed_form`."""
         m = self._arrays
-        return self._by_band(
-            lambda band, s: s.sensor.full_scale_dn
-            * mean_over_scan(m.light_mm[0, band], m.footprint_mm[0, band], m.irradiance[0, band], s),
-            station,
-        )
+
+        def work(band: slice, s: Station) -> Array:
+            light, footprint, irradiance = (
+                a[0, band] for a in (m.light_mm, m.footprint_mm, m.irradiance)
+            )
+            mean = mean_over_scan(light, footprint, irradiance, s)
+            return s.sensor.full_scale_dn * np.minimum(mean, 1)
+
+        return self._by_band(work, station)

@@ -12,7 +12,7 @@ from gpuspec.errors import StationError
 from gpuspec.parameters import curvatures
 from gpuspec.placement import place
 from gpuspec.station import Station
-from gpuspec.topography import TopographyMap, map_records, read_maps
+from gpuspec.topography import TopographyMap, read_maps
 
 BLOCK = 16  # pixels on a side, as in kernels/trace.cl
 REACH = 6.0  # sigmas at which a groove ends: 1.5e-8 of its depth, below a float's last bit
@@ -148,7 +148,9 @@ def pixel_position(points: NDArray[np.float64], station: Station) -> NDArray[np.
     return position
 
 
-def shape_height(x: NDArray[np.float64], y: NDArray[np.float64], station: Station) -> NDArray[np.float64]:
+def shape_height(
+    x: NDArray[np.float64], y: NDArray[np.float64], station: Station
+) -> NDArray[np.float64]:
     """Return the height of the part's shape without relief, mm."""
     cx, cy = curvatures(station)
     qx, qy = (np.sqrt(np.maximum(1 - (c * u) ** 2, 1e-6)) for c, u in ((cx, x), (cy, y)))
@@ -207,9 +209,9 @@ def blocks(grooves: Grooves, station: Station) -> tuple[NDArray[np.int32], NDArr
     nth = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
     column = low[piece, 0] + nth % np.maximum(spans[piece, 0], 1)
     row = low[piece, 1] + nth // np.maximum(spans[piece, 0], 1)
-    near = _distance(
-        (np.stack([column, row], axis=1) + 0.5) * BLOCK, position[piece]
-    ) <= reach[piece] + BLOCK * np.sqrt(0.5)
+    near = _distance((np.stack([column, row], axis=1) + 0.5) * BLOCK, position[piece]) <= reach[
+        piece
+    ] + BLOCK * np.sqrt(0.5)
     block, piece = (row * wide + column)[near], piece[near]
     order = np.argsort(block, kind="stable")
     first = np.zeros(wide * high + 1, np.int32)

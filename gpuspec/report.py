@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import csv
+import glob
 import json
+import os
+import platform
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator
@@ -25,13 +28,16 @@ FILES = (
     "detection.png", "histogram.png", "lost.png",
 )  # fmt: skip
 
+# Of hidden folders; a process number tells nothing about another machine on a shared disk.
+_PREFIX = f".gpuspec-{platform.node() or 'local'}-"
+
 
 @contextmanager
 def output_folder(folder: Path) -> Iterator[Path]:
     """Give a hidden folder to write in; on success its files move to `folder`, else it vanishes.
 
     Files of an earlier run that this one did not write are removed with the move, so that a folder
-    never mixes two runs.
+    never mixes two runs. What a killed run left hidden is removed by the next one beside it.
 
     Raises
     ------
@@ -41,20 +47,30 @@ def output_folder(folder: Path) -> Iterator[Path]:
     folder = Path(folder)
     partial: Path | None = None
     try:
-        if folder.exists() and not folder.is_dir():
-            raise OutputError(f"{folder} is a file; choose another folder with -o.")
-        above = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.is_dir())
-        partial = Path(tempfile.mkdtemp(prefix=".gpuspec-", dir=above))
+        above = next(
+            p for p in (folder.absolute(), *folder.absolute().parents) if os.path.lexists(p)
+        )
+        if not above.is_dir():
+            raise OutputError(f"{above} is a file; choose another folder with -o.")
+        for name in FILES:
+            if (folder / name).is_dir():
+                raise OutputError(f"{folder / name} is a folder; choose another folder with -o.")
+        _remove_left_behind(above)
+        partial = Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{os.getpid()}-", dir=above))
         partial.chmod(0o755)
         yield partial
         folder.mkdir(parents=True, exist_ok=True)
-        written = sorted(path.name for path in partial.iterdir())
-        for name in written:
-            (partial / name).replace(folder / name)
-        for name in set(FILES).difference(written):
-            (folder / name).unlink(missing_ok=True)
+        written = {path.name for path in partial.iterdir()}
+        try:
+            _move(partial, folder, written)
+        except OSError:
+            raise
+        except BaseException:  # Ctrl-C: the whole run is there, so finish what takes no time
+            _move(partial, folder, written)
+            raise
     except OSError as error:
-        reason = error.strerror or str(error)
+        # NumPy reports a short write without its reason.
+        reason = error.strerror or f"the disk may be full ({error})"
         raise OutputError(
             f"results cannot be written to {folder}: {reason}. Free some space or choose another "
             f"folder with -o; nothing half-written was left."
@@ -62,6 +78,29 @@ def output_folder(folder: Path) -> Iterator[Path]:
     finally:
         if partial is not None:
             shutil.rmtree(partial, ignore_errors=True)
+
+
+def _move(partial: Path, folder: Path, written: set[str]) -> None:
+    for path in sorted(partial.iterdir()):
+        path.replace(folder / path.name)
+    for name in set(FILES).difference(written):
+        (folder / name).unlink(missing_ok=True)
+
+
+def _remove_left_behind(above: Path) -> None:
+    """Remove the hidden folders of this machine's runs that were killed: their process is gone."""
+    if os.name != "posix":  # there, signal 0 would end the process it asks about
+        return
+    for left in above.glob(f"{glob.escape(_PREFIX)}*-*"):
+        number = left.name.removeprefix(_PREFIX).partition("-")[0]
+        if not number.isdecimal():
+            continue
+        try:
+            os.kill(int(number), 0)
+        except ProcessLookupError:
+            shutil.rmtree(left, ignore_errors=True)
+        except (OSError, OverflowError):
+            continue
 
 
 def write(
@@ -110,7 +149,7 @@ def write_files(
     _write_tif(folder / "labels.tif", result.labels, result)
     _write_tif(folder / "truth.tif", result.truth, result)
     with (folder / "blobs.csv").open("w", encoding="utf-8", newline="") as file:
-        result.blobs.write_csv(file, result.classes)
+        result.blobs.write_csv(file, result.classes.tolist())
     _write_defects(folder / "defects.csv", result)
     (folder / "score.json").write_text(json.dumps(summary(result), indent=2) + "\n", "utf-8")
     (folder / "station.toml").write_text(to_toml(result.station), "utf-8")
@@ -190,9 +229,7 @@ def _write_defects(path: Path, result: Result) -> None:
              "hit_px", "hit")
         )  # fmt: skip
         hits = zip(result.score.defect_zone_px, result.score.defect_hit_px, strict=True)
-        for number, (defect, (zone, hit)) in enumerate(
-            zip(result.defects, hits, strict=True), 1
-        ):
+        for number, (defect, (zone, hit)) in enumerate(zip(result.defects, hits, strict=True), 1):
             table.writerow(
                 (number, defect.kind, f"{defect.x_mm:.4f}", f"{defect.y_mm:.4f}",
                  f"{defect.size_mm:.4g}", f"{defect.length_mm:.4g}", f"{defect.depth_um:.4g}",

@@ -21,17 +21,23 @@ def kernel_source(name: str) -> str:
 
     ``#line`` directives keep file and line in the compiler's messages.
     """
-    return "\n".join(_resolved(folder("kernels"), name, set()))
+    return resolved((folder("kernels") / name).read_text(encoding="utf-8"), f"kernels/{name}")
 
 
-def _resolved(where: Path, name: str, seen: set[str]) -> list[str]:
-    seen.add(name)
-    lines = [f'#line 1 "kernels/{name}"']
-    for number, line in enumerate((where / name).read_text(encoding="utf-8").splitlines(), 1):
+def resolved(text: str, name: str) -> str:
+    """Return OpenCL C text with every include of `kernels/` in place; `name` is for messages."""
+    return "\n".join(_resolved(folder("kernels"), text, name, set()))
+
+
+def _resolved(where: Path, text: str, name: str, seen: set[str]) -> list[str]:
+    lines = [f'#line 1 "{name}"']
+    for number, line in enumerate(text.splitlines(), 1):
         include = _INCLUDE.match(line)
         if include is None:
             lines.append(line)
         elif include[1] not in seen:
-            lines += _resolved(where, include[1], seen)
-            lines.append(f'#line {number + 1} "kernels/{name}"')
+            seen.add(include[1])
+            included = (where / include[1]).read_text(encoding="utf-8")
+            lines += _resolved(where, included, f"kernels/{include[1]}", seen)
+            lines.append(f'#line {number + 1} "{name}"')
     return lines

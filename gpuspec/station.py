@@ -18,6 +18,7 @@ from gpuspec.defects import Defect, Length, Population, Scratch, Section, Seed, 
 from gpuspec.errors import StationError
 from gpuspec.validation import explain
 
+
 class Part(Section):
     """The part: its outline, shape, relief and reflectance."""
 
@@ -97,7 +98,9 @@ class Sensor(Section):
 
     bit_depth: Literal[8, 10, 12, 16] = Field(8, description="bits per pixel")
     exposure: float = Field(
-        4.0, gt=0, le=1e4,
+        4.0,
+        gt=0,
+        le=1e4,
         description="signal of a fully luminous footprint over saturation; > 1: the paper's way",
     )
     saturation_e: float = Field(10_000.0, gt=0, le=1e7, description="saturation capacity")
@@ -310,7 +313,7 @@ class Station(Section):
             (self.part.width_mm, self.part.crown_radius_y_mm),
         ):
             if radius:
-                edge = -(size / 2) ** 2 / radius / (1 + math.sqrt(1 - (size / 2 / radius) ** 2))
+                edge = -((size / 2) ** 2) / radius / (1 + math.sqrt(1 - (size / 2 / radius) ** 2))
                 low, high = low + min(edge, 0), high + max(edge, 0)
         return low, high
 

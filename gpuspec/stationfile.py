@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 import types
 from importlib import resources
 from pathlib import Path
@@ -123,12 +124,23 @@ def write_new(path: Path, text: str, *, force: bool = False) -> None:
     OutputError
         If it exists, or cannot be written.
     """
-    if path.exists() and not force:
-        raise OutputError(f"{path} exists already; choose another name, or --force to replace it.")
-    partial = path.with_name(f".{path.name}.partial")
+    partial: Path | None = None
     try:
-        partial.write_text(text, encoding="utf-8")
+        if path.exists() and not force:
+            raise OutputError(
+                f"{path} exists already; choose another name, or --force to replace it."
+            )
+        with tempfile.NamedTemporaryFile(
+            "w", prefix=".gpuspec-", dir=path.parent, delete=False, encoding="utf-8"
+        ) as file:
+            partial = Path(file.name)
+            file.write(text)
+        partial.chmod(0o644)
         partial.replace(path)
     except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise OutputError(f"{path} cannot be written: {error.strerror}.") from None
+        raise OutputError(
+            f"{path} cannot be written: {error.strerror or error}; choose another place."
+        ) from None
+    finally:
+        if partial is not None:
+            partial.unlink(missing_ok=True)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from gpuspec.defects import Patch, Scratch
+from gpuspec.defects import Defect, Patch, Scratch
 from gpuspec.relief import Grooves, Relief, pixel_position, shape_height
 from gpuspec.station import Station
 from gpuspec.topography import TopographyMap, zone_at
@@ -76,7 +76,8 @@ class Truth:
         for index, patch in zip(patches, maps, strict=True):
             window = _window(patch, station)
             x, y = surface_points(station, *_grid(window))
-            labels[window][zone_at(patch, x, y, station.camera.sampling_mm / 2) & (labels[window] == 0)] = index + 1
+            zone = zone_at(patch, x, y, station.camera.sampling_mm / 2)
+            labels[window][zone & (labels[window] == 0)] = index + 1
             known[index] = _measured(patch, known[index].x_mm, known[index].y_mm)
         return cls(labels, tuple(known))
 
@@ -86,8 +87,8 @@ def surface_points(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return x and y (mm) of the surface behind pixel centres; relief is left out of parallax."""
     rows, columns = station.shape
-    x = (column + 0.5 - columns / 2) * station.camera.sampling_mm
-    y = (rows / 2 - row - 0.5) * station.camera.sampling_mm
+    x = (np.asarray(column, np.float64) + 0.5 - columns / 2) * station.camera.sampling_mm
+    y = (rows / 2 - np.asarray(row, np.float64) - 0.5) * station.camera.sampling_mm
     if station.part.surface == "orientation":
         return x, y
     k = np.ones(np.broadcast_shapes(x.shape, y.shape))
@@ -150,18 +151,16 @@ def _cut(grooves: Grooves, length: float) -> tuple[NDArray[np.float64], NDArray[
     return np.stack([start, end], axis=1), piece
 
 
-def _known(defect: object) -> KnownDefect:
+def _known(defect: Defect) -> KnownDefect:
     if isinstance(defect, Scratch):
         points = np.array(defect.points_mm)
         length = float(np.hypot(*np.diff(points, axis=0).T).sum())
-        x, y = (points.min(axis=0) + points.max(axis=0)) / 2
-        return KnownDefect(
-            "scratch", float(x), float(y), defect.width_mm, length, defect.depth_um
-        )
+        x, y = ((points.min(axis=0) + points.max(axis=0)) / 2).tolist()
+        return KnownDefect("scratch", x, y, defect.width_mm, length, defect.depth_um)
     if isinstance(defect, Patch):
         return KnownDefect("measured", defect.x_mm, defect.y_mm, 0.0, 0.0, 0.0)
     return KnownDefect(
-        defect.kind, defect.x_mm, defect.y_mm, defect.diameter_mm, 0.0, defect.depth_um  # type: ignore[attr-defined]
+        defect.kind, defect.x_mm, defect.y_mm, defect.diameter_mm, 0.0, defect.depth_um
     )
 
 
@@ -195,7 +194,8 @@ def _label_pits(
     i = np.rint((x - relief.corner_mm[0]) / relief.pitch_mm[0]).astype(np.int64)
     j = np.rint((y - relief.corner_mm[1]) / relief.pitch_mm[1]).astype(np.int64)
     on = (i >= 0) & (j >= 0) & (i < pits.shape[1]) & (j < pits.shape[0])
-    found = np.where(on, pits[np.clip(j, 0, pits.shape[0] - 1), np.clip(i, 0, pits.shape[1] - 1)], 0)
+    rows, columns = pits.shape
+    found = np.where(on, pits[np.clip(j, 0, rows - 1), np.clip(i, 0, columns - 1)], 0)
     free = (found > 0) & (labels[window] == 0)
     labels[window][free] = (found + before)[free]
     return [
@@ -214,10 +214,10 @@ def _label_pits(
 def _window(relief: TopographyMap, station: Station) -> tuple[slice, slice]:
     """Rows and columns that may see a map (with room for a height surface's parallax)."""
     ny, nx = relief.heights_mm.shape
-    corner = np.array(relief.corner_mm)
-    ends = np.stack([corner, corner + [relief.pitch_mm[0] * (nx - 1), relief.pitch_mm[1] * (ny - 1)]])
+    corner, pitch = np.array(relief.corner_mm), np.array(relief.pitch_mm)
+    ends = np.stack([corner, corner + pitch * (nx - 1, ny - 1)])
     room = 0.1 * np.abs(ends).max() if station.part.surface == "height" else 0.0
-    ends = ends + [[-room], [room]]
+    ends += np.array([[-room], [room]])
     (left, bottom), (right, top) = pixel_position(ends, station)
     rows, columns = station.shape
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import difflib
+import json
+import re
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -45,13 +47,22 @@ def explain(error: ValidationError, model: type[BaseModel], file: str) -> list[s
         Named at the head of each sentence.
     """
     sentences: dict[str, str] = {}
-    for item in error.errors(include_url=False):
-        location = tuple(part for part in item["loc"] if not _is_branch(part))
+    items = error.errors(include_url=False)
+    for item in items:
+        if item["type"] == "too_short" and any(
+            other["loc"][: len(item["loc"])] == item["loc"] for other in items if other is not item
+        ):
+            continue  # pydantic does not count entries that are wrong themselves
+        last = item["loc"][-1:] if item["type"] == "extra_forbidden" else ()
+        inner = item["loc"][: len(item["loc"]) - len(last)]
+        location = tuple(part for part in inner if not _is_branch(part)) + last
         key = _dotted(location)
         head = f"{file}: {key}" if key else file
         allowed = ""
         if item["type"] == "value_error":
-            text = f"{head}: {item['ctx']['error']}."
+            told = str(item["ctx"]["error"])
+            stated = f" = {_short(item['input'])} " if told.startswith("must") else ": "
+            text = f"{head}{stated}{told}."
         elif item["type"] == "extra_forbidden":
             text = f"{head} is not a known key{_suggestion(item['loc'], model)}."
         elif item["type"] == "missing":
@@ -77,12 +88,26 @@ def _is_branch(part: int | str) -> bool:
 def _dotted(location: tuple[int | str, ...]) -> str:
     text = ""
     for part in location:
-        text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else part
+        if isinstance(part, int):
+            text += f"[{part + 1}]"
+        else:
+            bare = re.fullmatch(r"[A-Za-z0-9_-]{1,60}", part)
+            text += ("." if text else "") + (part if bare else _short(part))
     return text
 
 
 def _short(value: Any) -> str:
-    text = "{...}" if isinstance(value, dict) else repr(value)
+    try:
+        if isinstance(value, bool):
+            text = str(value).lower()
+        elif isinstance(value, str):
+            text = json.dumps(value, ensure_ascii=False)
+        elif isinstance(value, (list, tuple)):
+            text = f"[{', '.join(map(_short, value[:20]))}{', ...' if len(value) > 20 else ''}]"
+        else:
+            text = "{...}" if isinstance(value, dict) else str(value)
+    except ValueError:  # Python writes no integer of more than 4,300 digits
+        text = "a whole number of thousands of digits"
     return text if len(text) <= 60 else text[:57] + "..."
 
 

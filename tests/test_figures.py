@@ -14,9 +14,9 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
 
-from gpuspec import figures
+from gpuspec import figures, page
 from gpuspec.backends import LOST
-from gpuspec.drawing import MARGIN, WIDTH, station_drawing
+from gpuspec.drawing import station_drawing
 from gpuspec.figures import (
     PICTURES,
     SKY,
@@ -32,6 +32,7 @@ from gpuspec.figures import (
     station_picture,
 )
 from gpuspec.inspection import Result, simulate
+from gpuspec.page import MARGIN, WIDTH
 from gpuspec.reference import ray_paths
 from gpuspec.scoring import score
 from gpuspec.station import Station
@@ -205,7 +206,7 @@ def test_details_show_missed_defects_first_then_false_blobs_then_hits() -> None:
     titles = [ax.get_title(loc="left") for ax in detection_picture(made).axes]
     kinds = [title.split(":")[0] for title in titles if ":" in title]
     assert kinds == ["missed", "false", "hit"]
-    assert any("bump 2\n⌀ 0.8 mm, 0.02 µm high" in title for title in titles)
+    assert any("bump 2\n⌀ 0.8 mm, ↑ 0.02 µm" in title for title in titles)
 
 
 def test_the_title_gives_the_score(reduced: Result) -> None:
@@ -242,7 +243,7 @@ def test_reducing_keeps_the_mean_and_the_maximum_where_the_image_does_not_divide
     blocks = [[image[r : r + 3, c : c + 3] for c in range(0, 11, 3)] for r in range(0, 7, 3)]
     for by, expected in ((np.add, np.mean), (np.maximum, np.max), (np.minimum, np.min)):
         wanted = [[expected(block) for block in row] for row in blocks]
-        np.testing.assert_allclose(figures._pooled(image, 3, by), wanted, rtol=1e-6)
+        np.testing.assert_allclose(page.pooled(image, 3, by), wanted, rtol=1e-6)
 
 
 def test_the_scale_bar_has_the_length_it_says(reduced: Result) -> None:

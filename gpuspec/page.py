@@ -1,0 +1,232 @@
+"""The page every picture is laid out on, and how an image is brought onto it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import Colormap, ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from numpy.typing import NDArray
+
+from gpuspec.backends import BESIDE
+from gpuspec.station import Station
+
+if TYPE_CHECKING:
+    from gpuspec.inspection import Result
+
+DPI = 110
+WIDTH = 1500  # px, of a page
+MARGIN = 96  # px, left and right of what is drawn
+GREY = matplotlib.colormaps["gray"].with_extremes(bad="white", under="black")
+
+
+class Sheet:
+    """A white page laid out in pixels from its top left corner."""
+
+    def __init__(self, width: float, height: float) -> None:
+        self.width, self.height = width, height
+        self.figure = Figure((width / DPI, height / DPI), dpi=DPI, facecolor="white")
+
+    def axes(self, left: float, top: float, width: float, height: float) -> Axes:
+        """Add axes whose frame is this box."""
+        return self.figure.add_axes(
+            (
+                left / self.width,
+                1 - (top + height) / self.height,
+                width / self.width,
+                height / self.height,
+            )
+        )
+
+    def text(self, x: float, y: float, text: str, **style: Any) -> None:
+        """Write text whose top left corner is here."""
+        style = {"ha": "left", "va": "top", "fontsize": 10, **style}
+        self.figure.text(x / self.width, 1 - y / self.height, text, **style)
+
+    def heading(self, title: str, *lines: str) -> None:
+        """Write a bold title and lines under it, 24 px each."""
+        self.text(MARGIN, 14, title, fontsize=13, fontweight="bold")
+        for number, line in enumerate(lines):
+            self.text(MARGIN, 44 + 24 * number, line, color="#404040")
+
+    def legend(self, handles: Sequence[Any], top: float) -> None:
+        """Put a legend of one line under the heading."""
+        self.figure.legend(
+            handles=list(handles),
+            loc="upper left",
+            bbox_to_anchor=(MARGIN / self.width, 1 - top / self.height),
+            ncols=len(handles),
+            frameon=False,
+            borderaxespad=0,
+            borderpad=0,
+            handlelength=1.6,
+            columnspacing=1.8,
+            fontsize=10,
+        )
+
+
+def essentials(station: Station) -> str:
+    """Return what matters most of a station, in one line."""
+    part, tunnel, camera = station.part, station.tunnel, station.camera
+    crowned = part.crown_radius_x_mm or part.crown_radius_y_mm
+    return (
+        f"{'crowned' if crowned else 'flat'} part {part.length_mm:g} × {part.width_mm:g} mm  ·  "
+        f"{tunnel.section} at {tunnel.top_mm:g} mm, stripes {tunnel.luminous_mm:g} + "
+        f"{tunnel.dark_mm:g} mm  ·  camera at {camera.height_mm:g} mm, {camera.sampling_mm:g} "
+        f"mm/px, pupil {camera.pupil_mm:g} mm  ·  exposure {station.sensor.exposure:g}, "
+        f"{station.sequence.images} images"
+    )
+
+
+def fitted(shape: tuple[int, int], width: float, height: float) -> tuple[int, int]:
+    """Return the largest box (width, height) in px of an image's proportions, 60 px at least."""
+    scale = min(width / shape[1], height / shape[0])
+    return max(round(scale * shape[1]), 60), max(round(scale * shape[0]), 60)
+
+
+def round_length(length: float) -> float:
+    """Return the largest of 1, 2, 5 times a power of ten that is not longer."""
+    decade = float(10.0 ** math.floor(math.log10(length)))
+    return max(m for m in (1, 2, 5) if m * decade <= length * (1 + 1e-9)) * decade
+
+
+def length_text(mm: float) -> str:
+    """Return a length with the unit that suits it."""
+    return f"{mm:g} mm" if mm >= 0.1 else f"{1000 * mm:g} µm"
+
+
+def pooled(image: NDArray[Any], factor: int, by: np.ufunc) -> NDArray[Any]:
+    """Reduce squares of `factor` pixels by np.add (to their mean), np.maximum or np.minimum."""
+    if factor == 1:
+        return image
+    # Whole slices, rows then columns: far faster than reduceat, and the last square may be small.
+    for _ in range(2):
+        length = image.shape[0]
+        reduced = image[::factor].copy()
+        for start in range(1, factor):
+            others = image[start::factor]
+            by(reduced[: len(others)], others, out=reduced[: len(others)])
+        if by is np.add:
+            counts = np.minimum(factor, length - np.arange(0, length, factor))
+            reduced /= counts.astype(np.float32)[:, None]
+        image = reduced.T
+    return image
+
+
+def reduction(ax: Axes, shape: tuple[int, ...]) -> int:
+    """Return by how much an image must be reduced to have no more pixels than its axes."""
+    box = ax.get_window_extent()
+    return max(1, math.ceil(shape[0] / box.height), math.ceil(shape[1] / box.width))
+
+
+def place_image(
+    ax: Axes, image: NDArray[Any], factor: int, station: Station, **style: Any
+) -> AxesImage:
+    """Draw a reduced image where it lies in the part frame."""
+    (rows, columns), p = station.shape, station.camera.sampling_mm
+    right, top = columns * p / 2, rows * p / 2
+    extent = (
+        -right,
+        image.shape[1] * factor * p - right,
+        top - image.shape[0] * factor * p,
+        top,
+    )
+    drawn = ax.imshow(image, extent=extent, aspect="auto", **style)
+    ax.set(xlim=(-right, right), ylim=(-top, top))
+    return drawn
+
+
+def draw_grey(
+    ax: Axes,
+    image: NDArray[np.float32],
+    station: Station,
+    low: float,
+    high: float,
+    lost: NDArray[np.uint8] | None = None,
+) -> AxesImage:
+    """Draw grey levels; what is beside the part stays white if `lost` is given."""
+    factor = reduction(ax, image.shape)
+    grey = pooled(image, factor, np.add)
+    if lost is not None:
+        grey = np.ma.masked_array(grey, pooled(lost == BESIDE, factor, np.minimum))
+    style = {"interpolation": "nearest"} if factor == 1 else {"interpolation": "bilinear"}
+    return place_image(ax, grey, factor, station, cmap=GREY, vmin=low, vmax=high, **style)
+
+
+def draw_codes(
+    ax: Axes, codes: NDArray[np.uint8], station: Station, colours: Sequence[str]
+) -> None:
+    """Draw an image of small integers in one colour each; the highest prevails."""
+    factor = reduction(ax, codes.shape)
+    colourmap: Colormap = ListedColormap(list(colours))
+    place_image(
+        ax,
+        pooled(codes, factor, np.maximum),
+        factor,
+        station,
+        cmap=colourmap,
+        vmin=-0.5,
+        vmax=len(colours) - 0.5,
+        interpolation="nearest",
+    )
+
+
+def grey_range(result: Result) -> tuple[float, float]:
+    """Return the grey levels drawn black and white: flawless a third of the way, white far
+    enough above the threshold, so that a faint defect shows beside one that saturates.
+    """
+    flawless, full = result.flawless_dn, result.station.sensor.full_scale_dn
+    far = flawless + max(8 * (result.threshold - flawless), 0.2 * full)
+    return range_up_to(min(float(result.aspect.max()), far), result, 0.1)
+
+
+def range_up_to(high: float, result: Result, least: float) -> tuple[float, float]:
+    """Return a range that ends past the threshold and `least` of full scale above flawless: an
+    even image is not to look rough.
+    """
+    flawless, full = result.flawless_dn, result.station.sensor.full_scale_dn
+    high = max(high, result.threshold, flawless + least * full)
+    return max(0.0, flawless - (high - flawless) / 2), high
+
+
+def millimetres(ax: Axes) -> None:
+    """Label axes in the part frame."""
+    ax.set_xlabel("x, mm", fontsize=10)
+    ax.set_ylabel("y, mm", fontsize=10, labelpad=2)
+    ax.tick_params(labelsize=9.5)
+
+
+def scale_bar(ax: Axes, below: float, share: float = 0.2) -> None:
+    """Draw a bar of a round length under the right end of the axes, `below` px down."""
+    low, high = ax.get_xlim()
+    length = round_length((high - low) * share)
+    y = -below / ax.get_window_extent().height
+    where = ax.get_xaxis_transform()
+    ax.plot(
+        [high - length, high],
+        [y, y],
+        transform=where,
+        clip_on=False,
+        color="black",
+        linewidth=3,
+        solid_capstyle="butt",
+        scalex=False,
+        scaley=False,
+    )
+    ax.annotate(
+        length_text(length),
+        (high - length, y),
+        xycoords=where,
+        xytext=(-5, 0),
+        textcoords="offset points",
+        ha="right",
+        va="center",
+        fontsize=9.5,
+        annotation_clip=False,
+    )
