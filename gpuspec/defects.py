@@ -6,8 +6,9 @@ z = -+d exp(-r^2 / 2 sigma^2), sigma a quarter of diameter or width. They stay m
 
 from __future__ import annotations
 
+import sys
 from functools import cached_property
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import (
     BaseModel,
@@ -23,8 +24,7 @@ MICRO = 1e-3  # mm per um
 _LENGTH = {"gt": 0, "le": 1e5}
 Length = Annotated[float, Field(**_LENGTH)]
 Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
-_DEPTH = {"gt": 0, "le": 1e4}
-Depth = Annotated[float, Field(**_DEPTH)]
+Depth = Annotated[float, Field(gt=0, le=1e4)]
 Seed = Annotated[int, Field(ge=0, le=2**32 - 1)]
 Points = Annotated[
     tuple[tuple[Coordinate, Coordinate], ...],
@@ -70,29 +70,58 @@ class Topography(Section):
     )
 
 
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _any_form(schema: dict[str, Any]) -> None:
+    """Tell editors that a distribution may be a number or two, and what its table needs."""
+    table = {key: schema.pop(key) for key in list(schema) if key not in ("title", "description")}
+    table["required"] = []
+    table["anyOf"] = [{"required": ["low", "high"]}, {"required": ["median", "spread"]}]
+    number = {key: table["properties"]["low"][key] for key in ("exclusiveMinimum", "maximum")}
+    number["type"] = "number"
+    pair = {"type": "array", "items": number, "minItems": 2, "maxItems": 2}
+    schema["anyOf"] = [number, pair, table]
+
+
 class Distribution(Section):
     """A number, [low, high] (uniform), or {median, spread, low, high} (log-normal, truncated)."""
 
-    low: float = Field(gt=0, le=1e5)
-    high: float = Field(gt=0, le=1e5)
-    median: float | None = Field(None, gt=0, le=1e5)
+    model_config = ConfigDict(json_schema_extra=_any_form)
+    largest: ClassVar[float] = 1e5
+
+    low: float = Field(gt=0, le=1e5, description="least value")
+    high: float = Field(gt=0, le=1e5, description="greatest value")
+    median: float | None = Field(None, gt=0, le=1e5, description="of the log-normal")
     spread: float | None = Field(None, gt=1, le=100, description="geometric standard deviation")
 
     @model_validator(mode="before")
     @classmethod
     def _short_forms(cls, value: Any) -> Any:
-        if isinstance(value, (int, float)) and not isinstance(value, bool):
-            return {"low": value, "high": value}
-        if isinstance(value, (list, tuple)):
-            if len(value) != 2:
-                raise ValueError("must be a number, [low, high] or {median, spread}")
+        if isinstance(value, (list, tuple)) and len(value) == 2:
             return {"low": value[0], "high": value[1]}
-        if isinstance(value, dict) and isinstance(value.get("median"), (int, float)):
-            median, spread = value["median"], value.get("spread")
-            if not isinstance(spread, (int, float)) or not spread > 1:
-                raise ValueError("a log-normal needs spread > 1 beside median")
-            return {"low": median / spread**4, "high": median * spread**4, **value}
-        return value
+        if isinstance(value, dict):
+            if ("median" in value) != ("spread" in value):
+                raise ValueError("must have both median and spread (> 1) for a log-normal")
+            return {**cls._ends(value.get("median"), value.get("spread")), **value}
+        if not _is_number(value):
+            raise ValueError("must be a number, [low, high] or {median, spread}")
+        if not 0 < value <= cls.largest:
+            raise ValueError(f"must be greater than 0 and at most {cls.largest:g}")
+        return {"low": value, "high": value}
+
+    @classmethod
+    def _ends(cls, median: Any, spread: Any) -> dict[str, float]:
+        """Ends of a log-normal that states none: four standard deviations, within the allowed."""
+        if median is None:
+            return {}
+        if not (_is_number(median) and _is_number(spread)) or not (
+            0 < median <= cls.largest and 1 < spread <= 100
+        ):
+            return {"low": 1.0, "high": 1.0}  # median or spread is refused, not what follows
+        low, high = median / spread**4, median * spread**4
+        return {"low": max(low, sys.float_info.min), "high": min(high, cls.largest)}
 
     @model_validator(mode="after")
     def _ordered(self) -> Distribution:
@@ -105,6 +134,16 @@ class Distribution(Section):
         if self.median is not None:
             return {name: getattr(self, name) for name in ("median", "spread", "low", "high")}
         return self.low if self.low == self.high else [self.low, self.high]
+
+
+class Depths(Distribution):
+    """A distribution of depths: a number, [low, high], or {median, spread, low, high}."""
+
+    largest: ClassVar[float] = 1e4
+
+    low: float = Field(gt=0, le=1e4, description="least value")
+    high: float = Field(gt=0, le=1e4, description="greatest value")
+    median: float | None = Field(None, gt=0, le=1e4, description="of the log-normal")
 
 
 class Spot(Section):
@@ -149,7 +188,7 @@ class _Population(Section):
     )
     seed: Seed = Field(0, description="the same seed gives the same part everywhere")
     spacing_mm: float = Field(0.0, ge=0, le=1e5, description="least distance between two zones")
-    depth_um: Distribution = Field(description="depth or height")
+    depth_um: Depths = Field(description="depth or height")
 
     @model_validator(mode="after")
     def _one_amount(self) -> _Population:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -128,9 +129,10 @@ class OpenCLBackend(Backend):
         try:
             return self.cl.Program(self.context, source).build([f"-DWIDTH={self.width}"])
         except self.cl.Error as error:
-            raise BackendError(
-                f"opencl: kernels/{file} does not build on {self.info}:\n{error}"
-            ) from None
+            log = str(error)
+            if "error:" not in log:  # PoCL writes its programs to a folder, and is silent when full
+                log += "\nThe compiler gave no reason; is the disk of ~/.cache/pocl full?"
+            raise BackendError(f"kernels/{file} does not build with {self.info}:\n{log}") from None
 
     def constant(self, values: NDArray[Any]) -> Any:
         """Copy an array to the device, read-only; an empty one becomes one zero."""
@@ -144,7 +146,24 @@ class OpenCLBackend(Backend):
 
     def trace(self, station: Station, relief: Relief | None = None) -> OpenCLLightMap:
         """Trace a station; see :meth:`Backend.trace`."""
-        return OpenCLLightMap(self, station, relief or Relief.of(station))
+        with self.failures():
+            return OpenCLLightMap(self, station, relief or Relief.of(station))
+
+    @contextmanager
+    def failures(self) -> Iterator[None]:
+        """Say which device failed, and what to do, where the driver only has a code."""
+        try:
+            yield
+        except self.cl.MemoryError as error:
+            raise BackendError(
+                f"opencl: {self.info.device} is out of memory ({error}); use a larger "
+                f"camera.sampling_mm, another --device or --backend numpy."
+            ) from None
+        except self.cl.Error as error:
+            raise BackendError(
+                f"opencl: {self.info.device} failed ({error}); try another --device or "
+                f"--backend numpy."
+            ) from None
 
 
 def _chosen(found: list[Any], wanted: str | None) -> Any:
@@ -209,17 +228,14 @@ class OpenCLLightMap(LightMap):
     def _traced(self, first_row: int, rows: int) -> _Tile:
         b = self._backend
         plane = rows * self._stride
-        try:
-            light, footprint, irradiance = (b.empty(4 * plane * self._sub_rays) for _ in range(3))
-            tile = _Tile(first_row, rows, light, footprint, irradiance, b.empty(plane))
-            geometry, *relief = self._inputs
-            b.trace_kernel(
-                b.queue, (self._stride // b.width, rows), None,
-                tile.light, tile.footprint, tile.irradiance, tile.lost,
-                geometry, *relief, np.int32(first_row),
-            )  # fmt: skip
-        except b.cl.MemoryError as error:
-            raise BackendError(f"opencl: {b.info.device} is out of memory ({error}).") from None
+        light, footprint, irradiance = (b.empty(4 * plane * self._sub_rays) for _ in range(3))
+        tile = _Tile(first_row, rows, light, footprint, irradiance, b.empty(plane))
+        geometry, *relief = self._inputs
+        b.trace_kernel(
+            b.queue, (self._stride // b.width, rows), None,
+            tile.light, tile.footprint, tile.irradiance, tile.lost,
+            geometry, *relief, np.int32(first_row),
+        )  # fmt: skip
         return tile
 
     def _tiles(self) -> Iterator[_Tile]:
@@ -235,12 +251,13 @@ class OpenCLLightMap(LightMap):
         rows, columns = self.station.shape
         b = self._backend
         images = np.empty((planes, rows, columns), np.float32)
-        for tile in self._tiles():
-            size = planes * tile.rows * self._stride
-            grey = b.empty(4 * size)
-            run(tile, grey)
-            out = images[:, tile.first_row : tile.first_row + tile.rows]
-            self._copy_home(out, grey, np.float32)
+        with b.failures():
+            for tile in self._tiles():
+                size = planes * tile.rows * self._stride
+                grey = b.empty(4 * size)
+                run(tile, grey)
+                out = images[:, tile.first_row : tile.first_row + tile.rows]
+                self._copy_home(out, grey, np.float32)
         return images
 
     def _image(self, run: Callable[[_Tile, Any], None]) -> Image:
@@ -274,22 +291,24 @@ class OpenCLLightMap(LightMap):
         rows, columns = self.station.shape
         arrays = [np.empty((self._sub_rays, rows, columns), np.float32) for _ in range(3)]
         lost = np.empty((1, rows, columns), np.uint8)
-        for tile in self._tiles():
-            band = np.s_[:, tile.first_row : tile.first_row + tile.rows]
-            for array, buffer in zip(
-                arrays, (tile.light, tile.footprint, tile.irradiance), strict=True
-            ):
-                self._copy_home(array[band], buffer, np.float32)
-            self._copy_home(lost[band], tile.lost, np.uint8)
+        with self._backend.failures():
+            for tile in self._tiles():
+                band = np.s_[:, tile.first_row : tile.first_row + tile.rows]
+                for array, buffer in zip(
+                    arrays, (tile.light, tile.footprint, tile.irradiance), strict=True
+                ):
+                    self._copy_home(array[band], buffer, np.float32)
+                self._copy_home(lost[band], tile.lost, np.uint8)
         light, footprint, irradiance = arrays
         return LightMapArrays(light, footprint, irradiance, lost[0])
 
     def lost(self) -> NDArray[np.uint8]:
         """See :meth:`LightMap.lost`."""
         lost = np.empty(self.station.shape, np.uint8)
-        for tile in self._tiles():
-            out = lost[tile.first_row : tile.first_row + tile.rows]
-            self._copy_home(out, tile.lost, np.uint8)
+        with self._backend.failures():
+            for tile in self._tiles():
+                out = lost[tile.first_row : tile.first_row + tile.rows]
+                self._copy_home(out, tile.lost, np.uint8)
         return lost
 
     def image(self, k: int, station: Station | None = None) -> Image:

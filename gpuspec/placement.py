@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 from scipy.special import ndtr, ndtri
 
 from gpuspec.defects import (
@@ -25,8 +24,9 @@ Array = NDArray[np.float64]
 
 _COUNT_MAX = 1_000_000
 _IDLE_ROUNDS = 30
-# Disks dropped at random on a plane without overlap never cover more (Feder's jamming limit).
+# Equal disks dropped at random on a plane without overlap never cover more (Feder's jamming limit).
 _JAMMING = 0.547
+_FEW = 100  # so few may be large beside the part and cover more
 
 
 def place(station: Station) -> tuple[Defect, ...]:
@@ -41,8 +41,10 @@ def place(station: Station) -> tuple[Defect, ...]:
         If a population cannot fit.
     """
     placed: list[Defect] = list(station.defects)
+    taken = _Chains.of(placed)
     for number, population in enumerate(station.populations, 1):
-        placed += _placed(population, number, station, placed)
+        defects, taken = _placed(population, number, station, taken)
+        placed += defects
     return tuple(placed)
 
 
@@ -59,8 +61,9 @@ def draw(distribution: Distribution, uniform: Array) -> Array:
 
 
 def _placed(
-    population: Population, number: int, station: Station, before: list[Defect]
-) -> list[Defect]:
+    population: Population, number: int, station: Station, taken: _Chains
+) -> tuple[list[Defect], _Chains]:
+    """Return a population's defects, and the zones taken before with theirs."""
     length, width = station.part.length_mm, station.part.width_mm
     name = f"{station.file}: populations[{number}]"
     count = population.count or round((population.density_per_cm2 or 0) * length * width / 100)
@@ -79,13 +82,18 @@ def _placed(
         vertices, bend = population.vertices, population.bend_rad
     else:
         size = draw(population.diameter_mm, random.random(count))
-    area = (np.pi / 4 * size**2 + size * extent).sum()
+    # Zones with half the spacing around them are as far from touching as the zones from spacing.
+    spaced = size + population.spacing_mm
+    area = (np.pi / 4 * spaced**2 + spaced * extent).sum()
+    room = (length + population.spacing_mm) * (width + population.spacing_mm)
+    room *= 1 if count <= _FEW else _JAMMING
+    # The first of two that touch stays: among many small ones a large one would find no place.
+    largest_first = np.argsort(-(size * (size + extent)), kind="stable")
     points = np.zeros((count, vertices, 2))
     done = np.zeros(count, bool)
-    taken = _Chains.of(before)
     idle = 0
-    while not done.all() and area < _JAMMING * length * width and idle < _IDLE_ROUNDS:
-        missing = np.flatnonzero(~done)
+    while not done.all() and area < room and idle < _IDLE_ROUNDS:
+        missing = largest_first[~done[largest_first]]
         points[missing], fits = _drawn(
             extent[missing], size[missing], vertices, bend, random, np.array([length, width]) / 2
         )
@@ -101,7 +109,7 @@ def _placed(
             f"{length:g} x {width:g} mm without touching; ask for fewer or smaller ones, or less "
             f"spacing_mm."
         )
-    return [
+    defects: list[Defect] = [
         Scratch(
             kind="scratch",
             points_mm=tuple((x, y) for x, y in points[i].tolist()),
@@ -118,6 +126,7 @@ def _placed(
         )
         for i in range(count)
     ]
+    return defects, taken
 
 
 def _drawn(
@@ -187,13 +196,12 @@ class _Chains:
         clear = np.ones(self.owner[-1] + 1 if len(self.owner) else 0, bool)
         if not len(clear):
             return clear
-        mine = cKDTree(self.centre)
         if len(taken.radius):
-            hits, other, gap = _near(mine, cKDTree(taken.centre), self.radius.max()
-                                     + taken.radius.max() + spacing)  # fmt: skip
+            reach = self.radius.max() + taken.radius.max() + spacing
+            hits, other, gap = _near(self.centre, taken.centre, reach)
             touch = gap < self.radius[hits] + taken.radius[other] + spacing
             clear[self.owner[hits[touch]]] = False
-        hits, other, gap = _near(mine, mine, 2 * self.radius.max() + spacing)
+        hits, other, gap = _near(self.centre, self.centre, 2 * self.radius.max() + spacing)
         touch = gap < self.radius[hits] + self.radius[other] + spacing
         first, second = self.owner[hits], self.owner[other]
         touch &= (first < second) & clear[first] & clear[second]
@@ -205,8 +213,10 @@ class _Chains:
 
 
 def _near(
-    tree: cKDTree, other: cKDTree, reach: float
+    points: Array, others: Array, reach: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
-    """Pairs of points of two trees within reach, and their distances."""
-    pairs = tree.sparse_distance_matrix(other, reach, output_type="ndarray")
+    """Pairs of points within reach of each other, and their distances."""
+    from scipy.spatial import cKDTree  # slow to import
+
+    pairs = cKDTree(points).sparse_distance_matrix(cKDTree(others), reach, output_type="ndarray")
     return pairs["i"], pairs["j"], pairs["v"]

@@ -40,4 +40,6 @@ def _resolved(where: Path, text: str, name: str, seen: set[str]) -> list[str]:
             included = (where / include[1]).read_text(encoding="utf-8")
             lines += _resolved(where, included, f"kernels/{include[1]}", seen)
             lines.append(f'#line {number + 1} "{name}"')
+        else:
+            lines.append("")
     return lines

@@ -156,6 +156,17 @@ class ClassRule(Section):
     elongation_min: float | None = Field(None, ge=0, description="least ratio of the axes")
     elongation_max: float | None = Field(None, ge=0, description="ratio of the axes below this")
 
+    @model_validator(mode="after")
+    def _holds_something(self) -> ClassRule:
+        if self.name == "missed":
+            raise ValueError('name = "missed" is kept for defects without a blob')
+        for measure, unit in (("area", "_mm2"), ("weight", "_dn"), ("elongation", "")):
+            ends = [f"{measure}_{end}{unit}" for end in ("min", "max")]
+            low, high = (getattr(self, end) for end in ends)
+            if low is not None and high is not None and low >= high:
+                raise ValueError(f"{ends[0]} = {low:g} must be less than {ends[1]} = {high:g}")
+        return self
+
 
 class Station(Section):
     """One inspection station, whole and valid.
@@ -171,10 +182,14 @@ class Station(Section):
     camera: Camera = Camera()
     sensor: Sensor = Sensor()
     sequence: Sequence = Sequence()
-    defects: Annotated[tuple[Defect, ...], Field(strict=False)] = ()
-    populations: Annotated[tuple[Population, ...], Field(strict=False)] = ()
+    defects: tuple[Defect, ...] = Field((), strict=False, description="known defects, one by one")
+    populations: tuple[Population, ...] = Field(
+        (), strict=False, description="defects at random places, of random sizes"
+    )
     segmentation: Segmentation = Segmentation()
-    classes: Annotated[tuple[ClassRule, ...], Field(strict=False)] = ()
+    classes: tuple[ClassRule, ...] = Field(
+        (), strict=False, description="classes of blobs; none: scratch, and dent or bump"
+    )
 
     _folder: Path = PrivateAttr(default_factory=Path.cwd)
     _file: str = PrivateAttr(default="station")
@@ -219,7 +234,7 @@ class Station(Section):
         """
         try:
             data = tomllib.loads(text)
-        except (tomllib.TOMLDecodeError, RecursionError) as error:
+        except (ValueError, RecursionError) as error:  # ValueError: a number too long, too
             raise StationError(f"{file}: not a valid TOML file: {error}.") from None
         return cls.from_dict(data, file, folder)
 
@@ -242,7 +257,7 @@ class Station(Section):
         station._file = file
         return station
 
-    def replace(self, **changes: Any) -> Station:
+    def replace(self, /, **changes: Any) -> Station:
         """Return a station with values changed by dotted path, e.g. ``{"tunnel.dark_mm": 8.0}``.
 
         Keyword names use ``__`` for the dot: ``replace(tunnel__dark_mm=8.0)``.
@@ -258,6 +273,10 @@ class Station(Section):
             target = data
             for name in sections:
                 target = target.setdefault(name, {})
+                if not isinstance(target, dict):
+                    raise StationError(
+                        f"{self._file}: {path} cannot be changed: {name} is not a table of keys."
+                    )
             if value is None:
                 target.pop(key, None)
             else:
@@ -282,8 +301,8 @@ class Station(Section):
         """Image shape (M, N) in pixels."""
         step = self.camera.sampling_mm
         return (
-            self.camera.rows or math.ceil(self.part.width_mm / step - 1e-6),
-            self.camera.columns or math.ceil(self.part.length_mm / step - 1e-6),
+            self.camera.rows or max(math.ceil(self.part.width_mm / step - 1e-6), 1),
+            self.camera.columns or max(math.ceil(self.part.length_mm / step - 1e-6), 1),
         )
 
     @property

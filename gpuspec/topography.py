@@ -18,12 +18,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import tifffile
 from numpy.typing import NDArray
-from PIL import Image
 from scipy import ndimage
-from scipy.interpolate import NdBSpline, make_interp_spline
-from scipy.signal.windows import tukey
 from scipy.special import ive
 
 from gpuspec.defects import MICRO, Patch, Topography
@@ -72,8 +68,10 @@ class TopographyMap:
     name: str
 
     @cached_property
-    def spline(self) -> NdBSpline:
+    def spline(self) -> Any:
         """The interpolant as a function of (row, column), in float64."""
+        from scipy.interpolate import NdBSpline, make_interp_spline  # slow to import
+
         along_y = make_interp_spline(
             np.arange(self.heights_mm.shape[0]), self.heights_mm, bc_type="natural"
         )
@@ -243,7 +241,7 @@ def _laid(
             f"{nx * pitch[0]:g} x {ny * pitch[1]:g} mm; smooth by less than a quarter of its side."
         )
     rough = _filled(heights, defined) - _form(heights, defined, topography.form_removed)
-    window = np.outer(tukey(ny, 2 * taper), tukey(nx, 2 * taper))
+    window = np.outer(_fading(ny, taper), _fading(nx, taper))
     relief = _smoothed(rough, sigma**2, pitch) * window
     _check_relief(relief, pitch, says)
     zone = _zone(station, topography, key, relief)
@@ -256,6 +254,15 @@ def _laid(
         None if zone is None else zone & defined,
         key,
     )
+
+
+def _fading(points: int, taper: float) -> Heights:
+    """Return 1, falling to 0 at both ends as a raised cosine over `taper` of the points."""
+    if taper == 0:
+        return np.ones(points)
+    end = np.minimum(np.arange(points), np.arange(points)[::-1]) / (taper * (points - 1))
+    fading: Heights = (1 - np.cos(np.pi * np.minimum(end, 1))) / 2
+    return fading
 
 
 @contextmanager
@@ -482,8 +489,12 @@ def _picture(path: Path) -> Mask:
     """Non-zero pixels of an image; of a colour image, those that are not black."""
     values: NDArray[Any]
     if path.suffix.lower() in (".tif", ".tiff"):
+        import tifffile
+
         values = tifffile.imread(path)
     else:
+        from PIL import Image
+
         with Image.open(path) as image:
             grey = image.mode in ("1", "L", "I", "F") or image.mode.startswith("I;")
             values = np.asarray(image if grey else image.convert("RGB"))

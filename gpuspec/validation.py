@@ -28,7 +28,6 @@ _ALLOWED = {
     "tuple_type": "must be a list",
     "model_type": "must be a table",
     "model_attributes_type": "must be a table",
-    "union_tag_invalid": "must have one of the kinds {expected_tags}",
     "union_tag_not_found": "must say its kind, such as kind = 'dent'",
     "int_parsing_size": "is too large for a whole number",
 }
@@ -67,6 +66,9 @@ def explain(error: ValidationError, model: type[BaseModel], file: str) -> list[s
             text = f"{head} is not a known key{_suggestion(item['loc'], model)}."
         elif item["type"] == "missing":
             text = f"{head} is missing."
+        elif item["type"] == "union_tag_invalid":
+            kind, kinds = _short(item["input"]["kind"]), item["ctx"]["expected_tags"]
+            text = f"{head}.kind = {kind} must be one of {kinds}."
         else:
             template = _ALLOWED.get(item["type"])
             context = dict(item.get("ctx", {}))
@@ -106,8 +108,8 @@ def _short(value: Any) -> str:
             text = f"[{', '.join(map(_short, value[:20]))}{', ...' if len(value) > 20 else ''}]"
         else:
             text = "{...}" if isinstance(value, dict) else str(value)
-    except ValueError:  # Python writes no integer of more than 4,300 digits
-        text = "a whole number of thousands of digits"
+    except (ValueError, RecursionError):  # Python writes no integer of more than 4,300 digits
+        text = "(too long to show)"
     return text if len(text) <= 60 else text[:57] + "..."
 
 
