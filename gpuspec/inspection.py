@@ -262,13 +262,22 @@ def check_memory(station: Station) -> None:
     needed = rows * columns * _BYTES_PER_PIXEL
     available = _available_bytes()
     if needed > available:
-        coarser = station.camera.sampling_mm * math.sqrt(needed / available)
+        camera = station.camera
+        if camera.columns or camera.rows:
+            way = "set smaller camera.columns and camera.rows"
+        else:
+            fits = _two_digits_up(camera.sampling_mm * math.sqrt(needed / available) * 1.001)
+            way = f"{fits:g} or more fits, or set camera.columns and camera.rows to see a piece"
         raise StationError(
-            f"{station.file}: camera.sampling_mm = {station.camera.sampling_mm:g} makes an image "
+            f"{station.file}: camera.sampling_mm = {camera.sampling_mm:g} makes an image "
             f"of {columns} x {rows} pixels, which needs {needed / 2**30:.1f} GiB of memory while "
-            f"{available / 2**30:.1f} GiB are free; {coarser:.2g} or more fits, or set "
-            f"camera.columns and camera.rows to see a piece."
+            f"{available / 2**30:.1f} GiB are free; {way}."
         )
+
+
+def _two_digits_up(value: float) -> float:
+    exponent = 1 - math.floor(math.log10(value))
+    return math.ceil(value * 10**exponent) / 10**exponent
 
 
 def _available_bytes() -> int:

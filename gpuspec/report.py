@@ -152,7 +152,7 @@ def write_files(
         result.blobs.write_csv(file, result.classes.tolist())
     _write_defects(folder / "defects.csv", result)
     (folder / "score.json").write_text(json.dumps(summary(result), indent=2) + "\n", "utf-8")
-    (folder / "station.toml").write_text(to_toml(result.station), "utf-8")
+    (folder / "station.toml").write_text(to_toml(result.station, absolute=True), "utf-8")
     if frames:
         _write_frames(folder / "frames.tif", result, tell)
     if pictures:

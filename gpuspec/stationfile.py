@@ -17,7 +17,7 @@ from gpuspec.errors import OutputError, StationError
 from gpuspec.station import Station
 
 
-def to_toml(station: Station, *, comments: bool = True) -> str:
+def to_toml(station: Station, *, comments: bool = True, absolute: bool = False) -> str:
     """Return the station as TOML: every key with its value, keys that are none as comments.
 
     Parameters
@@ -25,29 +25,33 @@ def to_toml(station: Station, *, comments: bool = True) -> str:
     station : Station
     comments : bool
         Whether each key is followed by what it means.
+    absolute : bool
+        Whether files named in the station get absolute paths, to be found from anywhere.
 
     Returns
     -------
     str
         ``Station.parse`` of it gives the station back.
     """
+    if absolute:
+        station = _anchored(station)
     document = tomlkit.document()
     for name in type(station).model_fields:
         value = getattr(station, name)
         if isinstance(value, BaseModel):
-            document.add(name, _table(value, station, comments))
+            document.add(name, _table(value, comments))
         elif value:
             array = tomlkit.aot()
             told: set[str] = set()
             for entry in value:
                 kind = getattr(entry, "kind", name)
-                array.append(_table(entry, station, comments and kind not in told))
+                array.append(_table(entry, comments and kind not in told))
                 told.add(kind)
             document.add(name, array)
     return tomlkit.dumps(document).replace("\n\n\n", "\n\n")
 
 
-def _table(section: BaseModel, station: Station, comments: bool) -> Table:
+def _table(section: BaseModel, comments: bool) -> Table:
     table = tomlkit.table()
     nested: list[tuple[str, BaseModel]] = []
     fields = type(section).model_fields
@@ -60,17 +64,25 @@ def _table(section: BaseModel, station: Station, comments: bool) -> Table:
             if comments and not _is_table(field.annotation):
                 table.add(tomlkit.comment(f"{name} = (none)  # {meaning}"))
         else:
-            if name in ("file", "zone_file"):
-                value = station.locate(value).resolve().as_posix()
-            elif isinstance(value, Distribution):
+            if isinstance(value, Distribution):
                 value = value.model_dump()
             item = tomlkit.item(_plain(value))
             if comments and meaning:
                 item.comment(meaning)
             table.add(name, item)
     for name, inner in nested:
-        table.add(name, _table(inner, station, comments))
+        table.add(name, _table(inner, comments))
     return table
+
+
+def _anchored(station: Station) -> Station:
+    """Return the station with absolute paths."""
+    data = station.as_dict()
+    for table in (data["part"].get("relief"), *data["defects"]):
+        for key in ("file", "zone_file"):
+            if table and key in table:
+                table[key] = station.locate(table[key]).resolve().as_posix()
+    return Station.from_dict(data, station.file)
 
 
 def _plain(value: Any) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from gpuspec.defects import Defect, Patch, Scratch
+from gpuspec.parameters import curvatures
 from gpuspec.relief import Grooves, Relief, pixel_position, shape_height
 from gpuspec.station import Station
 from gpuspec.topography import TopographyMap, zone_at
@@ -17,7 +19,7 @@ from gpuspec.topography import TopographyMap, zone_at
 ZONE = 2.0  # sigmas: relief of at least 13.5 % of the depth
 _PAIRS_AT_ONCE = 2_000_000
 _PIECE_PX = 32
-_NEWTON_STEPS = 6
+_NEWTON_STEPS = 8
 
 
 @dataclass(frozen=True)
@@ -91,9 +93,13 @@ def surface_points(
     y = (rows / 2 - np.asarray(row, np.float64) - 0.5) * station.camera.sampling_mm
     if station.part.surface == "orientation":
         return x, y
+    h = station.camera.height_mm
+    axes = list(zip(curvatures(station), (x, y), strict=True))
     k = np.ones(np.broadcast_shapes(x.shape, y.shape))
     for _ in range(_NEWTON_STEPS):
-        k = 1 - shape_height(x * k, y * k, station) / station.camera.height_mm
+        miss = k - 1 + shape_height(x * k, y * k, station) / h
+        slope = [c * u * k / np.sqrt(np.maximum(1 - (c * u * k) ** 2, 1e-6)) for c, u in axes]
+        k = k - miss / (1 - (slope[0] * x + slope[1] * y) / h)
     return x * k, y * k
 
 
@@ -111,8 +117,7 @@ def _covered(
         height = shape_height(points[:, 0], points[:, 1], station)
         points = points / (1 - height / station.camera.height_mm)[:, None]
     position = pixel_position(points, station).reshape(-1, 2, 2)
-    # Perspective of a height surface changes a zone's size by z/h; two pixels more is ample.
-    reach = ZONE * sigma / station.camera.sampling_mm * 1.1 + 2
+    reach = ZONE * sigma / station.camera.sampling_mm * _stretch(station) + 2
     low = np.floor(position.min(axis=1) - reach[:, None]).astype(np.int64)
     high = np.ceil(position.max(axis=1) + reach[:, None]).astype(np.int64)
     low = np.clip(low, 0, [columns, rows])
@@ -138,6 +143,23 @@ def _covered(
         order = np.lexsort((owners, relative, pixel))
         first = order[np.diff(pixel[order], prepend=-1) > 0]
         yield pixel[first], relative[first], owners[first]
+
+
+def _stretch(station: Station) -> float:
+    """Return how much larger than on z = 0 a stretch of the part may look to the camera.
+
+    With z/h the height and s the slope at the edge, at x/h off the axis: x = X (1 - z/h) gives
+    dX/dx = (1 - z/h + s x/h) / (1 - z/h)^2.
+    """
+    if station.part.surface == "orientation":
+        return 1.0
+    part, h = station.part, station.camera.height_mm
+    lean = 0.0
+    for size, curvature in zip((part.length_mm, part.width_mm), curvatures(station), strict=True):
+        sine = abs(curvature) * size / 2
+        lean += sine / math.sqrt(max(1 - sine**2, 1e-6)) * size / 2 / h
+    nearer = 1 - station.height_range_mm()[1] / h
+    return (nearer + lean) / nearer**2
 
 
 def _cut(grooves: Grooves, length: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
