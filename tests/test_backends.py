@@ -1,0 +1,224 @@
+"""Backends: which one is opened, what is said of those that are not, and who may know them."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scenes import check_station
+
+import gpuspec
+from gpuspec import backends
+from gpuspec import opencl as opencl_module
+from gpuspec.backends import BACKENDS, LightMapArrays, has_closed_form, open_backend, survey
+from gpuspec.errors import BackendError
+from gpuspec.opencl import OpenCLBackend
+from gpuspec.reference import NumpyBackend
+from gpuspec.station import Station
+
+PACKAGE = Path(gpuspec.__file__).parent
+MODULES = sorted(path.stem for path in PACKAGE.glob("*.py"))
+# Arrays in, arrays and tables out: they must serve real frames, too.
+ARRAYS_ALONE = ("segmentation", "measures", "classification", "scoring", "truth")
+ENGINES = {
+    "pyopencl": {"opencl"},
+    "gpuspec.opencl": {"backends"},
+    "gpuspec.reference": {"backends", "figures"},  # figures draws ray paths
+}
+
+
+def imports(module: str) -> set[str]:
+    """Modules that a module of the package imports, at its top or inside a function."""
+    tree = ast.parse((PACKAGE / f"{module}.py").read_text(encoding="utf-8"))
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{module}.py imports relatively"
+            found |= {node.module or "", *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return found
+
+
+def reach(module: str) -> set[str]:
+    """Modules of the package that a module needs, directly or through others."""
+    found: set[str] = set()
+    todo = [module]
+    while todo:
+        name = todo.pop()
+        if name not in found:
+            found.add(name)
+            own = {i.removeprefix("gpuspec.") for i in imports(name) if i.startswith("gpuspec.")}
+            todo += own.intersection(MODULES)
+    return found
+
+
+@pytest.fixture
+def without_opencl(monkeypatch):
+    def absent() -> list[Any]:
+        raise BackendError("opencl: no OpenCL platform found; install one.")
+
+    monkeypatch.setattr(opencl_module, "devices", absent)
+
+
+def test_auto_takes_the_first_that_opens():
+    assert BACKENDS[0] == "opencl"
+    assert isinstance(open_backend("auto"), OpenCLBackend)
+
+
+def test_auto_goes_on_to_the_next(without_opencl):
+    assert isinstance(open_backend("auto"), NumpyBackend)
+
+
+def test_auto_tries_in_the_documented_order_and_keeps_every_reason(monkeypatch):
+    tried = []
+
+    def fail(name: str, device: str | None) -> None:
+        tried.append(name)
+        raise BackendError(f"{name}: absent because of the test.")
+
+    monkeypatch.setattr(backends, "_open", fail)
+    with pytest.raises(BackendError) as raised:
+        open_backend("auto")
+    assert tried == list(BACKENDS)
+    for name in BACKENDS:
+        assert f"{name}: absent because of the test." in str(raised.value)
+
+
+def test_a_named_backend_is_never_swapped(without_opencl):
+    with pytest.raises(BackendError, match="no OpenCL platform"):
+        open_backend("opencl")
+    assert isinstance(open_backend("numpy"), NumpyBackend)
+
+
+@pytest.mark.parametrize("name", BACKENDS)
+def test_a_named_backend_is_the_one_that_opens(name):
+    assert open_backend(name).info.backend == name
+
+
+def test_without_pyopencl_it_is_said_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyopencl", None)
+    with pytest.raises(BackendError, match=r"pyopencl cannot be imported.*pip install"):
+        open_backend("opencl")
+    assert isinstance(open_backend("auto"), NumpyBackend)
+
+
+@pytest.mark.parametrize("name", ["", "cuda", "OpenCL", "auto "])
+def test_an_unknown_backend_names_the_known(name):
+    with pytest.raises(BackendError, match=f"'{name}' is not known.*auto, {', '.join(BACKENDS)}"):
+        open_backend(name)
+
+
+@pytest.mark.parametrize("device", ["no such device", "99", "-1", "²"])
+@pytest.mark.parametrize("name", BACKENDS)
+def test_an_unknown_device_names_the_known(name, device):
+    with pytest.raises(BackendError, match=f"{name}: no device .*there (is|are) 0: "):
+        open_backend(name, device)
+
+
+def test_a_device_is_found_by_number_and_by_part_of_its_name(opencl):
+    name = opencl.device.name.strip()
+    for wanted in ("0", name, name[1:5], name.upper()):
+        assert open_backend("opencl", wanted).info == opencl.info
+
+
+def test_the_survey_marks_what_auto_takes(opencl):
+    found = survey()
+    assert [entry.backend for entry in found if entry.info is None] == []
+    assert {entry.backend for entry in found} == set(BACKENDS)
+    chosen = [entry for entry in found if "auto" in entry.remark]
+    assert [entry.info for entry in chosen] == [open_backend("auto").info]
+    assert [entry.number for entry in found if entry.backend == "opencl"] == list(
+        range(len(opencl_module.devices()))
+    )
+
+
+def test_the_survey_keeps_the_reason_of_an_absent_backend(without_opencl):
+    absent, present = survey()
+    assert absent.info is None
+    assert absent.remark == "absent: opencl: no OpenCL platform found; install one."
+    assert present.info == NumpyBackend().info
+    assert "auto" in present.remark
+
+
+@pytest.mark.parametrize(
+    ("changes", "closed"),
+    [
+        ({}, True),
+        ({"sequence__images": 1}, True),
+        ({"sequence__step_mm": 16.0 * 3 / 40}, True),
+        ({"sequence__step_mm": 0.7}, False),
+        ({"sensor__noise": True}, False),
+        ({"camera__subsampling": 2}, False),
+        ({"sensor__bit_depth": 12}, True),
+    ],
+)
+def test_the_closed_form_is_for_whole_periods_without_noise_or_sub_rays(changes, closed):
+    assert has_closed_form(check_station(**changes)) is closed
+
+
+@pytest.mark.parametrize("fusion", ["max", "min", "std", "differential"])
+def test_other_fusions_than_the_mean_are_made_image_by_image(backend, fusion):
+    station = check_station(sequence__images=5, sequence__fusion=fusion)
+    light_map = backend.trace(station)
+    assert np.array_equal(light_map.aspect(), light_map.fuse()[fusion])
+
+
+def test_a_device_short_of_memory_works_in_tiles(opencl):
+    station = check_station()
+    whole = opencl.trace(station)
+    assert whole.tiles == 1
+    rows = station.shape[0]
+    tiled = OpenCLBackend(memory_bytes=1).trace(station)
+    assert tiled.tiles == rows
+    some = OpenCLBackend(memory_bytes=10_000).trace(station)
+    assert 1 < some.tiles < rows
+    for light_map in (tiled, some):
+        assert np.array_equal(light_map.aspect(), whole.aspect())
+        assert np.array_equal(light_map.lost(), whole.lost())
+
+
+@pytest.mark.parametrize("method", ["trace", "aspect", "read", "lost"])
+def test_a_device_that_fails_says_so_in_a_sentence(method, monkeypatch):
+    device = OpenCLBackend(memory_bytes=1)
+    light_map = device.trace(check_station())
+
+    def full(size: int) -> None:
+        raise device.cl.MemoryError("create_buffer", device.cl.status_code.OUT_OF_RESOURCES)
+
+    monkeypatch.setattr(device, "empty", full)
+    monkeypatch.setattr(device, "memory_bytes", 1 << 30)
+    with pytest.raises(BackendError, match=r"is out of memory .*sampling_mm"):
+        device.trace(light_map.station) if method == "trace" else getattr(light_map, method)()
+
+
+def test_a_backend_that_opened_keeps_its_device_on_record(backend):
+    record = backend.info.as_dict()
+    assert set(record) == {"backend", "device", "driver", "version"}
+    assert all(record.values())
+    assert record["backend"] in str(backend.info)
+
+
+def test_a_light_map_comes_home_as_arrays_of_the_image(backend):
+    station: Station = check_station(camera__subsampling=2)
+    arrays = backend.trace(station).read()
+    assert isinstance(arrays, LightMapArrays)
+    for array in (arrays.light_mm, arrays.footprint_mm, arrays.irradiance):
+        assert array.shape == (4, *station.shape)
+    assert arrays.lost.shape == station.shape
+    assert arrays.lost.dtype == np.uint8
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_few_modules_know_how_images_are_made(engine):
+    knowing = {name for name in MODULES if engine in imports(name)}
+    assert knowing == ENGINES[engine]
+
+
+@pytest.mark.parametrize("module", ARRAYS_ALONE)
+def test_what_follows_the_aspect_image_knows_no_backend(module):
+    assert not reach(module) & {"backends", "opencl", "reference", "inspection"}

@@ -1,0 +1,532 @@
+"""The command line: what it writes, what it says, and what it leaves when it is stopped."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+import tifffile
+
+import gpuspec
+from gpuspec import backends, cli, inspection, opencl, sources
+from gpuspec.backends import BACKENDS
+from gpuspec.report import FILES
+from gpuspec.station import Station
+from gpuspec.stationfile import examples
+
+STATION = """
+[part]
+length_mm = 12.0
+width_mm = 6.0
+[camera]
+sampling_mm = 0.1
+[sequence]
+images = 5
+[[defects]]
+kind = "dent"
+x_mm = 2.0
+y_mm = -1.0
+diameter_mm = 0.8
+depth_um = 8.0
+"""
+COMMANDS = ("simulate", "demo", "init", "schema", "devices")
+PROGRAM = [sys.executable, "-m", "gpuspec"]
+
+
+@dataclass(frozen=True)
+class Ran:
+    """What a command answered."""
+
+    code: int
+    out: str
+    err: str
+
+
+Command = Callable[..., Ran]
+
+
+@pytest.fixture
+def gpuspec_(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> Iterator[Command]:
+    """The command in this process, in an empty folder with a station file."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    Path("s.toml").write_text(STATION, encoding="utf-8")
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def run(*arguments: object) -> Ran:
+        monkeypatch.setattr(sys, "argv", ["gpuspec", *map(str, arguments)])
+        code: Any = 0
+        try:
+            cli.main()
+        except SystemExit as stop:
+            code = stop.code or 0
+        return Ran(code, *capsys.readouterr())
+
+    yield run
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+
+
+def program(*arguments: object, cwd: Path, **options: Any) -> Ran:
+    """The command as a process of its own."""
+    environment = {**os.environ, "COLUMNS": "200", **options.pop("env", {})}
+    done = subprocess.run(
+        [*PROGRAM, *map(str, arguments)], capture_output=True, text=True, cwd=cwd,
+        env=environment, errors="surrogateescape", **options,
+    )  # fmt: skip
+    return Ran(done.returncode, done.stdout, done.stderr)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """An empty folder with a station file, for processes."""
+    (tmp_path / "s.toml").write_text(STATION, encoding="utf-8")
+    return tmp_path
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def hidden(folder: Path) -> list[Path]:
+    return list(folder.rglob(".gpuspec-*"))
+
+
+def said(ran: Ran) -> str:
+    """The one thing a failed command says: a sentence, and nothing else."""
+    assert ran.code == 1
+    assert ran.out == ""
+    assert "Traceback" not in ran.err
+    assert ran.err.startswith("error: ")
+    text = ran.err.removeprefix("error: ").rstrip("\n")
+    assert text.endswith((".", "?")), text
+    return text
+
+
+# ------------------------------------------------------------------------------------- commands
+
+
+def test_simulate_writes_every_file_and_says_how_well_it_did(folder):
+    ran = program("simulate", "s.toml", "--frames", cwd=folder)
+    assert (ran.code, ran.err) == (0, "")
+    assert {path.name for path in (folder / "run").iterdir()} == set(FILES)
+    assert {path.name for path in folder.iterdir()} == {"s.toml", "run"}
+    for words in ("s.toml: 120 x 60 pixels", "P1", "P2", "1 of 1", "opencl on", "results in run"):
+        assert words in ran.out
+
+
+def test_the_program_and_the_module_are_one_command(folder):
+    script = Path(sys.executable).with_name("gpuspec")
+    shown = subprocess.run([script, "--version"], capture_output=True, text=True, check=True)
+    assert (
+        shown.stdout == program("--version", cwd=folder).out == f"gpuspec {gpuspec.__version__}\n"
+    )
+
+
+def test_demo_simulates_an_example(gpuspec_):
+    ran = gpuspec_("demo", "--set", "camera.sampling_mm=0.5", "--no-pictures", "-o", "out")
+    assert ran.code == 0
+    assert "trim.toml: 400 x 100 pixels" in ran.out
+    assert {path.suffix for path in Path("out").iterdir()} == {".tif", ".csv", ".json", ".toml"}
+
+
+def test_help_lists_every_command(gpuspec_):
+    ran = gpuspec_("--help")
+    assert ran.code == 0
+    for command in COMMANDS:
+        assert command in ran.out
+        shown = gpuspec_(command, "--help")
+        assert shown.code == 0
+        assert "Usage:" in shown.out
+        assert f" {command} " in shown.out
+    assert set(COMMANDS) == {command.callback.__name__ for command in cli.app.registered_commands}
+
+
+def test_help_starts_without_the_libraries_that_simulate(folder):
+    heavy = ["numpy", "scipy", "skimage", "matplotlib", "pyopencl", "tifffile", "pydantic", "PIL"]
+    code = f"import sys, gpuspec.cli; print([n for n in {heavy} if n in sys.modules])"
+    shown = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=folder
+    )
+    assert shown.stdout == "[]\n"
+
+
+def test_the_schema_is_json_that_knows_every_section(gpuspec_):
+    schema = json.loads(gpuspec_("schema").out)
+    assert set(schema["properties"]) == set(Station.model_fields)
+    assert "sampling_mm" in json.dumps(schema)
+
+
+def test_a_reader_that_stops_listening_is_no_error(folder):
+    command = " ".join(f"'{word}'" for word in [*PROGRAM, "schema"])
+    done = subprocess.run(
+        f"{command} | head -n 1", shell=True, capture_output=True, text=True, cwd=folder
+    )
+    assert done.stdout == "{\n"
+    assert "Traceback" not in done.stderr
+
+
+def test_devices_lists_all_and_what_auto_takes(gpuspec_):
+    ran = gpuspec_("devices")
+    assert ran.code == 0
+    lines = {name: [r for r in ran.out.splitlines() if name in r] for name in BACKENDS}
+    assert "0: " in lines["opencl"][0]
+    assert "chosen by auto" in lines["opencl"][0]
+    assert "0: cpu" in lines["numpy"][0]
+    assert "chosen" not in lines["numpy"][0]
+
+
+def test_init_writes_a_file_that_simulate_takes(gpuspec_):
+    ran = gpuspec_("init", "new")
+    assert ran.code == 0
+    assert "gpuspec simulate new.toml" in ran.out
+    text = Path("new.toml").read_text("utf-8")
+    assert "sampling_mm" in text
+    assert "distance of two pixels" in text  # each key explained
+    again = gpuspec_("simulate", "new.toml", "--set", "camera.sampling_mm=0.5", "--no-pictures")
+    assert again.code == 0
+    assert Path("run/score.json").exists()
+
+
+def test_init_replaces_a_file_only_when_told(gpuspec_):
+    Path("mine.toml").write_text("mine", encoding="utf-8")
+    assert said(gpuspec_("init", "mine.toml")) == (
+        "mine.toml exists already; choose another name, or --force to replace it."
+    )
+    assert Path("mine.toml").read_text("utf-8") == "mine"
+    assert gpuspec_("init", "mine.toml", "--force").code == 0
+    assert "[part]" in Path("mine.toml").read_text("utf-8")
+    assert not hidden(Path())
+
+
+@pytest.mark.parametrize(
+    ("path", "why"),
+    [
+        ("/", "is a folder"),
+        (".", "is a folder"),
+        ("..", "is a folder"),
+        ("s.toml/new.toml", "Not a directory"),
+        ("none/new.toml", "No such file or directory"),
+        ("/proc/new.toml", "No such file or directory"),
+        ("x" * 300 + ".toml", "File name too long"),
+    ],
+)
+def test_init_says_where_it_cannot_write(gpuspec_, path, why):
+    before = set(Path().iterdir())
+    assert why in said(gpuspec_("init", path))
+    assert set(Path().iterdir()) == before
+
+
+def test_set_changes_a_key(gpuspec_):
+    ran = gpuspec_(
+        "simulate", "s.toml", "--no-pictures", "--set", "sequence.images=7",
+        "--set", "sensor.bit_depth = 12", "--set", "part.material=gold",
+        "--set", "segmentation.threshold=auto", "--set", "defects=[]", "--frames",
+    )  # fmt: skip
+    assert ran.code == 0
+    station = Station.read("run/station.toml")
+    assert station.sequence.images == 7
+    assert station.sensor.bit_depth == 12
+    assert station.part.material == "gold"
+    assert station.defects == ()
+    with tifffile.TiffFile("run/frames.tif") as file:
+        assert len(file.pages) == 7
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_backend_asked_for_is_the_one_recorded(gpuspec_, backend):
+    ran = gpuspec_("simulate", "s.toml", "--no-pictures", "--backend", backend)
+    assert ran.code == 0
+    assert f"{backend} on" in ran.out
+    assert json.loads(Path("run/score.json").read_text("utf-8"))["backend"] == backend
+
+
+def test_a_device_is_taken_by_number_and_by_name(gpuspec_):
+    name = opencl.devices()[0].name.strip()
+    for device in ("0", name, name[2:7].lower()):
+        ran = gpuspec_("simulate", "s.toml", "--no-pictures", "--device", device)
+        assert ran.code == 0
+        assert f"opencl on {name}" in ran.out
+
+
+# --------------------------------------------------------------------------------- user mistakes
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        ("simulate none.toml", "none.toml: no such station file; `gpuspec init` writes one"),
+        ("simulate .", "cannot be read"),
+        ("simulate typo.toml", "camera.sampling_m is not a known key (did you mean sampling_mm?)"),
+        ("simulate wrong.toml", "camera.sampling_mm = -1 must be at least"),
+        ("simulate text.toml", "not a valid TOML file"),
+        ("simulate binary.toml", "cannot be read as UTF-8"),
+        ("simulate brackets.toml", "not a valid TOML file"),
+        ("simulate s.toml --backend cuda", "'cuda' is not known; choose one of auto, opencl"),
+        ("simulate s.toml --backend opencl --device 99", "no device '99'; there are 0: "),
+        ("simulate s.toml --device ²", "no device '²'"),
+        ("simulate s.toml --backend numpy --device gpu", "numpy: no device 'gpu'; there is 0: cpu"),
+        ("simulate s.toml --set camera.sampling_mm", "write it as KEY=VALUE"),
+        ("simulate s.toml --set camera.pixel=1", "camera.pixel is not a known key"),
+        ("simulate s.toml --set camera.sampling_mm=fine", "must be a number"),
+        ("simulate s.toml --set camera=5", "camera = 5 must be a table"),
+        ("simulate s.toml --set camera.sampling_mm.x=1", "sampling_mm is not a table"),
+        ("simulate s.toml --set defects.1.depth_um=1", "defects is not a table"),
+        ("simulate s.toml --set self=1", "self is not a known key"),
+        ("simulate s.toml --set =1", "is not a known key"),
+        (f"simulate s.toml --set camera.rows={'[' * 50_000}", "nested too deeply"),
+        ("simulate s.toml -o s.toml", "s.toml is a file; choose another folder with -o"),
+        ("simulate s.toml -o s.toml/below", "s.toml is a file; choose another folder with -o"),
+        ("simulate s.toml -o /proc/x", "results cannot be written to /proc/x: No such file"),
+        (f"simulate s.toml -o {'x' * 300}", "File name too long"),
+        ("demo none", f"there is no example 'none'; choose one of {', '.join(examples())}"),
+        ("init new --example none", "there is no example 'none'"),
+    ],
+)
+def test_a_mistake_ends_in_a_sentence_and_leaves_nothing(gpuspec_, arguments, why):
+    Path("typo.toml").write_text("camera = { sampling_m = 0.1 }", encoding="utf-8")
+    Path("wrong.toml").write_text("camera = { sampling_mm = -1 }", encoding="utf-8")
+    Path("text.toml").write_text("Dear colleague,\n", encoding="utf-8")
+    Path("binary.toml").write_bytes(bytes(range(256)))
+    Path("brackets.toml").write_text("part = " + "[" * 1_000_000, encoding="utf-8")
+    before = set(Path().iterdir())
+    assert why in said(gpuspec_(*arguments.split()))
+    assert set(Path().iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        ("simulate", "Missing argument"),
+        ("simulate s.toml --bogus", "No such option"),
+        ("simulate s.toml other.toml", "unexpected extra argument"),
+        ("simulte s.toml", "No such command"),
+    ],
+)
+def test_a_wrong_use_is_told_apart_by_its_exit_code(gpuspec_, arguments, why):
+    ran = gpuspec_(*arguments.split())
+    assert ran.code == 2
+    assert why in ran.err
+    assert "Traceback" not in ran.err
+    assert {path.name for path in Path().iterdir()} == {"s.toml"}
+
+
+def test_an_image_beyond_the_memory_is_refused_before_any_work(gpuspec_, monkeypatch):
+    monkeypatch.setattr(inspection, "_available_bytes", lambda: 2**30)
+    told = said(
+        gpuspec_(
+            "simulate", "s.toml", "--set", "camera.columns=40000", "--set", "camera.rows=25000"
+        )
+    )
+    assert "40000 x 25000 pixels, which needs" in told
+    assert "GiB" in told
+    assert "camera.columns" in told
+    assert not Path("run").exists()
+
+
+def test_more_pixels_than_can_be_counted_are_refused(gpuspec_):
+    assert "more than 2,147,483,647" in said(
+        gpuspec_("simulate", "s.toml", "--set", "camera.sampling_mm=1e-5")
+    )
+
+
+def test_memory_that_runs_out_is_said_with_what_to_do(gpuspec_, monkeypatch):
+    def greedy(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(inspection, "simulate", greedy)
+    assert "out of memory; use a larger camera.sampling_mm" in said(gpuspec_("simulate", "s.toml"))
+    assert not Path("run").exists()
+
+
+@pytest.mark.parametrize("name", ["two words é 光", "[/b] [red]odd[/] :smile:", "-- dash"])
+def test_names_are_taken_and_shown_as_they_are(gpuspec_, name):
+    station, output = Path(f"{name.replace('/', '')}.toml"), Path(f"out {name.replace('/', '')}")
+    station.write_text(STATION, encoding="utf-8")
+    ran = gpuspec_("simulate", f"./{station}", "-o", f"./{output}", "--backend", "numpy")
+    assert ran.code == 0
+    assert f"{station}: 120 x 60 pixels" in ran.out
+    assert f"results in {output}\n" in ran.out
+    assert {path.name for path in output.iterdir()} == set(FILES) - {"frames.tif"}
+
+
+def test_a_class_may_have_any_name(gpuspec_):
+    ran = gpuspec_(
+        "simulate", "s.toml", "--no-pictures", "--set", 'classes=[{ name = "[/b] [red]odd :x:" }]'
+    )
+    assert ran.code == 0
+    assert "[/b] [red]odd :x:" in ran.out
+
+
+def test_a_name_that_the_terminal_cannot_show_ends_no_run(folder):
+    name = os.fsdecode(b"out\xff")
+    ran = program(
+        "simulate", "s.toml", "-o", name, "--no-pictures", "--backend", "numpy", cwd=folder,
+        env={"PYTHONIOENCODING": "ascii"},
+    )  # fmt: skip
+    assert (ran.code, ran.err) == (0, "")
+    assert (folder / name / "score.json").exists()
+
+
+# ------------------------------------------------------------------------------- absent backends
+
+
+@pytest.fixture
+def no_platform() -> dict[str, str]:
+    """An environment in which the OpenCL loader finds no platform, the pip-installed ones too."""
+    return {"OCL_ICD_VENDORS": "/nonexistent", "OPENCL_VENDOR_PATH": "/nonexistent"}
+
+
+def test_without_an_opencl_platform_it_is_said_what_to_install(folder, no_platform):
+    told = said(program("simulate", "s.toml", "--backend", "opencl", cwd=folder, env=no_platform))
+    assert "no OpenCL platform found" in told
+    assert "pip install pocl-binary-distribution" in told
+    assert {path.name for path in folder.iterdir()} == {"s.toml"}
+
+
+def test_without_an_opencl_platform_auto_goes_on_and_says_so(folder, no_platform):
+    ran = program("simulate", "s.toml", "--no-pictures", cwd=folder, env=no_platform)
+    assert ran.code == 0
+    assert "numpy on cpu" in ran.out
+    assert json.loads((folder / "run/score.json").read_text("utf-8"))["backend"] == "numpy"
+
+
+def test_devices_shows_why_a_backend_is_absent(folder, no_platform):
+    ran = program("devices", cwd=folder, env={**no_platform, "COLUMNS": "300"})
+    assert ran.code == 0
+    (absent,) = [line for line in ran.out.splitlines() if "opencl" in line]
+    assert "absent" in absent
+    assert "no OpenCL platform found" in absent
+    assert "pip install" in absent
+    (chosen,) = [line for line in ran.out.splitlines() if "chosen by auto" in line]
+    assert "numpy" in chosen
+
+
+def test_a_kernel_that_does_not_build_is_reported_with_file_and_line(gpuspec_, monkeypatch):
+    def broken(name: str) -> str:
+        return sources.resolved(f"/* {name} */\n\n__kernel void broken(", f"kernels/{name}")
+
+    monkeypatch.setattr(opencl, "kernel_source", broken)
+    for backend in ("opencl", "auto"):  # auto never hides a fault of the program
+        ran = gpuspec_("simulate", "s.toml", "--backend", backend)
+        assert ran.code == 1
+        assert ran.err.startswith("error: ")
+        assert "kernels/trace.cl does not build" in ran.err
+        assert "kernels/trace.cl:3:" in ran.err
+        assert "Traceback" not in ran.err
+        assert {path.name for path in Path().iterdir()} == {"s.toml"}
+
+
+def test_a_device_that_fails_is_said_in_a_sentence(gpuspec_, monkeypatch):
+    import pyopencl as cl
+
+    def full(*_: object) -> None:
+        raise cl.MemoryError("create_buffer", cl.status_code.MEM_OBJECT_ALLOCATION_FAILURE)
+
+    monkeypatch.setattr(opencl.OpenCLBackend, "empty", full)
+    told = said(gpuspec_("simulate", "s.toml", "--backend", "opencl"))
+    assert "out of memory" in told
+    assert backends.open_backend("opencl").info.device in told
+
+
+# ----------------------------------------------------------------------------------- interrupted
+
+
+@pytest.mark.parametrize(("largest", "backend"), [(4_000, "numpy"), (60_000, "numpy")])
+def test_a_full_disk_leaves_an_earlier_run_whole(folder, largest, backend):
+    # A process may write no file larger than this; below, tables fail; above, pictures do.
+    (folder / "run").mkdir()
+    for name in FILES:
+        (folder / "run" / name).write_text(f"earlier {name}", encoding="utf-8")
+    before = content(folder)
+
+    def limited() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (largest, largest))
+
+    told = said(program("simulate", "s.toml", "--backend", backend, cwd=folder, preexec_fn=limited))
+    assert "results cannot be written to run" in told
+    assert "Free some space" in told
+    assert content(folder) == before
+    assert not hidden(folder)
+
+
+@pytest.fixture
+def long_run(folder: Path) -> Iterator[Callable[[str], subprocess.Popen[str]]]:
+    """Start a run that would write for minutes; returned once it has begun to."""
+    (folder / "run").mkdir()
+    for name in FILES:
+        (folder / "run" / name).write_text(f"earlier {name}", encoding="utf-8")
+    started = []
+
+    def heed() -> None:
+        # A test run in the background of a shell ignores Ctrl-C, and so would what it starts.
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+    def start(backend: str) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            [*PROGRAM, "simulate", "s.toml", "--frames", "--backend", backend,
+             "--set", "sequence.images=100000", "--set", "camera.sampling_mm=0.02"],
+            cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            preexec_fn=heed,
+        )  # fmt: skip
+        started.append(process)
+        given_up = time.monotonic() + 120
+        # Two images of 600 x 300 pixels: by then its kernels are built, too.
+        while not any(p.stat().st_size > 360_000 for p in folder.rglob(".gpuspec-*/frames.tif")):
+            assert process.poll() is None, process.communicate()
+            assert time.monotonic() < given_up, "nothing was written"
+            time.sleep(0.01)
+        return process
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.parametrize(
+    ("number", "backend"), [(signal.SIGINT, "opencl"), (signal.SIGTERM, "numpy")]
+)
+def test_a_stopped_run_leaves_nothing_behind(folder, long_run, number, backend):
+    before = content(folder)
+    process = long_run(backend)
+    process.send_signal(number)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert out == ""
+    assert err == "stopped; nothing half-written was left.\n"
+    assert content(folder) == before
+    assert not hidden(folder)
+
+
+def test_a_killed_run_leaves_results_whole_and_the_next_run_tidies_up(folder, long_run, gpuspec_):
+    before = content(folder)
+    process = long_run("numpy")
+    (partial,) = hidden(folder)
+    process.kill()
+    process.communicate()
+    assert partial.exists()
+    assert {k: v for k, v in content(folder).items() if ".gpuspec-" not in k} == before
+    assert gpuspec_("simulate", "s.toml", "--no-pictures", "--backend", "numpy").code == 0
+    assert not hidden(folder)
+    assert Station.read("run/station.toml").sequence.images == 5
+
+
+def test_a_run_leaves_another_that_is_still_running_alone(folder, long_run, gpuspec_):
+    process = long_run("numpy")
+    (partial,) = hidden(folder)
+    assert gpuspec_("simulate", "s.toml", "--no-pictures", "--backend", "numpy").code == 0
+    assert hidden(folder) == [partial]
+    assert process.poll() is None
