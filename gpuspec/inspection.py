@@ -277,7 +277,7 @@ def check_memory(station: Station) -> None:
 
 def _two_digits_up(value: float) -> float:
     exponent = 1 - math.floor(math.log10(value))
-    return math.ceil(value * 10**exponent) / 10**exponent
+    return math.ceil(value * 10.0**exponent) / 10.0**exponent
 
 
 def _available_bytes() -> int:

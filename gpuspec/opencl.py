@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.backends import FUSIONS, Backend, DeviceInfo, Image, LightMap, LightMapArrays
+from gpuspec.backends import FUSIONS, Backend, DeviceInfo, Image
 from gpuspec.errors import BackendError
 from gpuspec.parameters import design_block, geometry_block
 from gpuspec.relief import Relief, blocks, groove_records
 from gpuspec.sources import kernel_source
 from gpuspec.station import Station
+from gpuspec.tiles import TiledLightMap
 from gpuspec.topography import coefficients, map_records
 
 INSTALL = "pip install pocl-binary-distribution (Linux), or your GPU's OpenCL driver"
 _TILE_BYTES_MAX = 1 << 30
-_FUSED_PLANES = len(FUSIONS)
 
 
 def devices() -> list[Any]:
@@ -84,39 +83,24 @@ class OpenCLBackend(Backend):
         on_cpu = bool(self.device.type & cl.device_type.CPU)
         self.width = 8 if on_cpu else 1
         self.memory_bytes = memory_bytes or self.device.global_mem_size // 2
+        self._kernels: dict[str, Any] = {}
         try:
             self.context = cl.Context([self.device])
             self.queue = cl.CommandQueue(self.context)
         except cl.Error as error:
             raise BackendError(f"opencl: {self.info.device} does not open ({error}).") from None
 
-    @cached_property
-    def trace_kernel(self) -> Any:
-        """Kernel of `trace.cl`."""
-        return self._kernel("trace.cl", "trace")
+    def kernel(self, file: str, name: str) -> Any:
+        """Return a kernel of `kernels/`, built when first asked for.
 
-    @cached_property
-    def image_kernel(self) -> Any:
-        """Kernel of `sequence.cl` for one image."""
-        return self._kernel("sequence.cl", "image_at")
-
-    @cached_property
-    def mean_kernel(self) -> Any:
-        """Kernel of `sequence.cl` for the mean."""
-        return self._kernel("sequence.cl", "mean_of_images")
-
-    @cached_property
-    def fuse_kernel(self) -> Any:
-        """Kernel of `sequence.cl` for all fusions."""
-        return self._kernel("sequence.cl", "fuse_images")
-
-    @cached_property
-    def aspect_kernel(self) -> Any:
-        """Kernel of `aspect.cl`."""
-        return self._kernel("aspect.cl", "aspect")
-
-    def _kernel(self, file: str, name: str) -> Any:
-        return self.cl.Kernel(self.program(kernel_source(file), file), name)
+        Raises
+        ------
+        BackendError
+            If it does not build.
+        """
+        if name not in self._kernels:
+            self._kernels[name] = self.cl.Kernel(self.program(kernel_source(file), file), name)
+        return self._kernels[name]
 
     def program(self, source: str, file: str) -> Any:
         """Build a program for the device; REAL has the width that suits it.
@@ -190,15 +174,20 @@ class _Tile:
     lost: Any
 
 
-class OpenCLLightMap(LightMap):
-    """A light map on an OpenCL device, whole or, where memory is short, tile by tile."""
+_KERNELS = {
+    "image": ("sequence.cl", "image_at"),
+    "mean": ("sequence.cl", "mean_of_images"),
+    "fuse": ("sequence.cl", "fuse_images"),
+    "closed_form": ("aspect.cl", "aspect"),
+}
+
+
+class OpenCLLightMap(TiledLightMap[_Tile]):
+    """A light map on an OpenCL device; rows are padded to whole vectors."""
 
     def __init__(self, backend: OpenCLBackend, station: Station, relief: Relief) -> None:
-        self.station = station
         self._backend = backend
-        rows, columns = station.shape
-        width = backend.width
-        self._stride = -(-columns // width) * width
+        self._stride = -(-station.shape[1] // backend.width) * backend.width
         self._sub_rays = station.camera.subsampling**2
         first, pieces = blocks(relief.grooves, station)
         records = map_records(relief.maps, station)
@@ -211,133 +200,66 @@ class OpenCLLightMap(LightMap):
             np.int32(len(records)),
             backend.constant(coefficients(relief.maps)),
         )
-        per_row = self._stride * (12 * self._sub_rays + 1 + 4 * _FUSED_PLANES)
-        largest = self._stride * 4 * max(self._sub_rays, _FUSED_PLANES)
+        per_row = self._stride * (12 * self._sub_rays + 1 + 4 * len(FUSIONS))
+        largest = self._stride * 4 * max(self._sub_rays, len(FUSIONS))
         budget = min(backend.memory_bytes, _TILE_BYTES_MAX)
-        fit = min(budget // per_row, backend.device.max_mem_alloc_size // largest)
-        self._tile_rows = int(min(max(fit, 1), rows))
-        self._kept: list[_Tile] = []
-        if self._tile_rows == rows:
-            self._kept = [self._traced(0, rows)]
+        super().__init__(
+            station, min(budget // per_row, backend.device.max_mem_alloc_size // largest)
+        )
 
-    @property
-    def tiles(self) -> int:
-        """Number of tiles the part is done in."""
-        return -(-self.station.shape[0] // self._tile_rows)
+    def failures(self) -> AbstractContextManager[None]:
+        """See :meth:`OpenCLBackend.failures`."""
+        return self._backend.failures()
 
-    def _traced(self, first_row: int, rows: int) -> _Tile:
+    def trace_tile(self, first_row: int, rows: int) -> _Tile:
+        """See :meth:`TiledLightMap.trace_tile`."""
         b = self._backend
         plane = rows * self._stride
         light, footprint, irradiance = (b.empty(4 * plane * self._sub_rays) for _ in range(3))
         tile = _Tile(first_row, rows, light, footprint, irradiance, b.empty(plane))
-        geometry, *relief = self._inputs
-        b.trace_kernel(
+        b.kernel("trace.cl", "trace")(
             b.queue, (self._stride // b.width, rows), None,
             tile.light, tile.footprint, tile.irradiance, tile.lost,
-            geometry, *relief, np.int32(first_row),
+            *self._inputs, np.int32(first_row),
         )  # fmt: skip
         return tile
 
-    def _tiles(self) -> Iterator[_Tile]:
-        if self._kept:
-            yield from self._kept
-            return
-        total = self.station.shape[0]
-        for first in range(0, total, self._tile_rows):
-            yield self._traced(first, min(self._tile_rows, total - first))
+    def read_tile(
+        self,
+        tile: _Tile,
+        maps: tuple[NDArray[np.float32], ...] | None,
+        lost: NDArray[np.uint8],
+    ) -> None:
+        """See :meth:`TiledLightMap.read_tile`."""
+        for out, buffer in zip(
+            maps or (), (tile.light, tile.footprint, tile.irradiance), strict=maps is not None
+        ):
+            self._copy_home(out, buffer)
+        self._copy_home(lost, tile.lost)
 
-    def _images(self, planes: int, run: Callable[[_Tile, Any], None]) -> Image:
-        """Run a kernel on every tile and bring its planes home, shape (planes, M, N)."""
-        rows, columns = self.station.shape
+    def run_tile(self, tile: _Tile, what: str, station: Station, k: int, out: Image) -> None:
+        """See :meth:`TiledLightMap.run_tile`."""
         b = self._backend
-        images = np.empty((planes, rows, columns), np.float32)
-        with b.failures():
-            for tile in self._tiles():
-                size = planes * tile.rows * self._stride
-                grey = b.empty(4 * size)
-                run(tile, grey)
-                out = images[:, tile.first_row : tile.first_row + tile.rows]
-                self._copy_home(out, grey, np.float32)
-        return images
+        grey = b.empty(4 * len(out) * tile.rows * self._stride)
+        self.enqueue(tile, what, b.constant(design_block(station)), k, grey)
+        self._copy_home(out, grey)
 
-    def _image(self, run: Callable[[_Tile, Any], None]) -> Image:
-        """Run a kernel of one plane on every tile and bring it home, shape (M, N)."""
-        image: Image = self._images(1, run)[0]
-        return image
+    def enqueue(self, tile: _Tile, what: str, design: Any, k: int, grey: Any) -> None:
+        """Start a kernel on a tile; its planes go to the buffer `grey`."""
+        b = self._backend
+        more = [np.int32(k)] if what == "image" else []
+        b.kernel(*_KERNELS[what])(
+            b.queue, (self._stride // b.width, tile.rows), None,
+            grey, tile.light, tile.footprint, tile.irradiance, design,
+            np.int32(self._sub_rays), np.int32(tile.first_row), *more,
+        )  # fmt: skip
 
-    def _copy_home(self, out: NDArray[Any], buffer: Any, dtype: Any) -> None:
-        """Copy planes (P, rows, stride) of a buffer to out (P, rows, N)."""
+    def _copy_home(self, out: NDArray[Any], buffer: Any) -> None:
+        """Copy planes (..., rows, stride) of a buffer to out (..., rows, N)."""
         b = self._backend
         if out.flags.c_contiguous and out.shape[-1] == self._stride:
             b.cl.enqueue_copy(b.queue, out, buffer)
             return
-        padded = np.empty((*out.shape[:-1], self._stride), dtype)
+        padded = np.empty((*out.shape[:-1], self._stride), out.dtype)
         b.cl.enqueue_copy(b.queue, padded, buffer)
         out[...] = padded[..., : out.shape[-1]]
-
-    def _run(
-        self, kernel: Any, tile: _Tile, grey: Any, station: Station | None, *more: Any
-    ) -> None:
-        b = self._backend
-        kernel(
-            b.queue, (self._stride // b.width, tile.rows), None,
-            grey, tile.light, tile.footprint, tile.irradiance,
-            b.constant(design_block(station or self.station)),
-            np.int32(self._sub_rays), np.int32(tile.first_row), *more,
-        )  # fmt: skip
-
-    def read(self) -> LightMapArrays:
-        """Bring the light map home; see :class:`LightMapArrays`."""
-        rows, columns = self.station.shape
-        arrays = [np.empty((self._sub_rays, rows, columns), np.float32) for _ in range(3)]
-        lost = np.empty((1, rows, columns), np.uint8)
-        with self._backend.failures():
-            for tile in self._tiles():
-                band = np.s_[:, tile.first_row : tile.first_row + tile.rows]
-                for array, buffer in zip(
-                    arrays, (tile.light, tile.footprint, tile.irradiance), strict=True
-                ):
-                    self._copy_home(array[band], buffer, np.float32)
-                self._copy_home(lost[band], tile.lost, np.uint8)
-        light, footprint, irradiance = arrays
-        return LightMapArrays(light, footprint, irradiance, lost[0])
-
-    def lost(self) -> NDArray[np.uint8]:
-        """See :meth:`LightMap.lost`."""
-        lost = np.empty(self.station.shape, np.uint8)
-        with self._backend.failures():
-            for tile in self._tiles():
-                out = lost[tile.first_row : tile.first_row + tile.rows]
-                self._copy_home(out, tile.lost, np.uint8)
-        return lost
-
-    def image(self, k: int, station: Station | None = None) -> Image:
-        """See :meth:`LightMap.image`."""
-        kernel = self._backend.image_kernel
-        return self._image(lambda tile, grey: self._run(kernel, tile, grey, station, np.int32(k)))
-
-    def mean(self, station: Station | None = None) -> Image:
-        """See :meth:`LightMap.mean`."""
-        kernel = self._backend.mean_kernel
-        return self._image(lambda tile, grey: self._run(kernel, tile, grey, station))
-
-    def fuse(self, station: Station | None = None) -> dict[str, Image]:
-        """See :meth:`LightMap.fuse`."""
-        kernel = self._backend.fuse_kernel
-        images = self._images(
-            _FUSED_PLANES, lambda tile, grey: self._run(kernel, tile, grey, station)
-        )
-        return dict(zip(FUSIONS, images, strict=True))
-
-    def closed_form(self, station: Station | None = None) -> Image:
-        """See :meth:`LightMap.closed_form`."""
-        b = self._backend
-        design = b.constant(design_block(station or self.station))
-
-        def run(tile: _Tile, grey: Any) -> None:
-            b.aspect_kernel(
-                b.queue, (tile.rows * self._stride // b.width,), None,
-                grey, tile.light, tile.footprint, tile.irradiance, design,
-            )  # fmt: skip
-
-        return self._image(run)

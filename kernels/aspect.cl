@@ -5,9 +5,9 @@
 
 __kernel void aspect(__global float *mean, __global const float *light,
                      __global const float *footprint, __global const float *irradiance,
-                     __constant Design *design) {
+                     __constant Design *design, int sub_rays, int first_row) {
     Design d = *design;
-    size_t at = get_global_id(0) * WIDTH;
+    size_t at = (get_global_id(1) * get_global_size(0) + get_global_id(0)) * WIDTH;
     Trapezoid t = exposed(lit_fraction(LOAD(light, at) * d.stripes.y,
                                        LOAD(footprint, at) * d.stripes.y, d.stripes.x),
                           LOAD(irradiance, at), d.sensor.x, d.stripes.z);

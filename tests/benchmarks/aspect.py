@@ -115,18 +115,16 @@ def main() -> None:
         runs["copy of a light coordinate"] = (
             best(finish(lambda: copy(b.queue, (size // 8,), None, tile.light, grey))), 8)
         runs["trace (40 dents)"] = (
-            best(finish(lambda: light_map._traced(0, given.rows))), 13)
+            best(finish(lambda: light_map.trace_tile(0, given.rows))), 13)
         for images in (8, 40, 400):
             design = b.constant(design_block(station.replace(sequence__images=images)))
             runs[f"closed form, {images} images"] = (
-                best(finish(lambda d=design: b.aspect_kernel(
-                    b.queue, (size // b.width,), None, grey, tile.light, tile.footprint,
-                    tile.irradiance, d))), 16)
+                best(finish(lambda d=design: light_map.enqueue(
+                    tile, "closed_form", d, 0, grey))), 16)
         for images in (40, 400):
-            varied = station.replace(sequence__images=images)
+            design = b.constant(design_block(station.replace(sequence__images=images)))
             runs[f"frame by frame, {images} images"] = (
-                best(finish(lambda s=varied: light_map._run(
-                    b.mean_kernel, tile, grey, s)), 3), 16)
+                best(finish(lambda d=design: light_map.enqueue(tile, "mean", d, 0, grey)), 3), 16)
     runs["closed form, 40 images, brought home"] = (best(light_map.closed_form), 20)
     for images in (40, 400):
         runs[f"Numba, {images} images"] = (

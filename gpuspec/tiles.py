@@ -1,0 +1,119 @@
+"""Light maps on a device, whole or, where its memory is short, tile by tile."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, nullcontext
+from typing import Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpuspec.backends import FUSIONS, Image, LightMap, LightMapArrays
+from gpuspec.station import Station
+
+Tile = TypeVar("Tile")
+
+
+class TiledLightMap(LightMap, Generic[Tile]):
+    """What every device backend has in common: rows are traced and fused some at a time.
+
+    A device says how a tile is traced, read and run; every pixel depends on its place in the whole
+    image alone, so tiles give the same result to the bit.
+
+    Parameters
+    ----------
+    station : Station
+    tile_rows : int
+        Rows that fit into the device's memory. If all do, the light map is traced once and
+        stays; else it is traced anew, tile by tile, for each use.
+    """
+
+    def __init__(self, station: Station, tile_rows: int) -> None:
+        self.station = station
+        rows = station.shape[0]
+        self._tile_rows = min(max(int(tile_rows), 1), rows)
+        self._kept = [self.trace_tile(0, rows)] if self._tile_rows == rows else []
+
+    @abstractmethod
+    def trace_tile(self, first_row: int, rows: int) -> Tile:
+        """Trace some rows of the image; they stay on the device."""
+
+    @abstractmethod
+    def read_tile(
+        self,
+        tile: Tile,
+        maps: tuple[NDArray[np.float32], ...] | None,
+        lost: NDArray[np.uint8],
+    ) -> None:
+        """Bring a tile home: light, footprint, irradiance (n * n, rows, N), lost (rows, N)."""
+
+    @abstractmethod
+    def run_tile(self, tile: Tile, what: str, station: Station, k: int, out: Image) -> None:
+        """Make `what` of a tile and bring it home into out (planes, rows, N).
+
+        `what` is "image" (number k), "mean", "fuse" (a plane each of ``FUSIONS``) or "closed_form".
+        """
+
+    def failures(self) -> AbstractContextManager[None]:
+        """Turn a driver's failures into sentences."""
+        return nullcontext()
+
+    @property
+    def tiles(self) -> int:
+        """Number of tiles the part is done in."""
+        return -(-self.station.shape[0] // self._tile_rows)
+
+    def _bands(self) -> Iterator[tuple[Tile, slice]]:
+        """Yield each tile and its rows."""
+        total = self.station.shape[0]
+        if self._kept:
+            yield self._kept[0], slice(0, total)
+            return
+        for first in range(0, total, self._tile_rows):
+            rows = min(self._tile_rows, total - first)
+            yield self.trace_tile(first, rows), slice(first, first + rows)
+
+    def _made(self, what: str, station: Station | None, planes: int = 1, k: int = 0) -> list[Image]:
+        images = np.empty((planes, *self.station.shape), np.float32)
+        with self.failures():
+            for tile, band in self._bands():
+                self.run_tile(tile, what, station or self.station, k, images[:, band])
+        return list(images)
+
+    def read(self) -> LightMapArrays:
+        """See :meth:`LightMap.read`."""
+        rows, columns = self.station.shape
+        shape = (self.station.camera.subsampling**2, rows, columns)
+        light, footprint, irradiance = (np.empty(shape, np.float32) for _ in range(3))
+        lost = np.empty((rows, columns), np.uint8)
+        with self.failures():
+            for tile, band in self._bands():
+                maps = (light[:, band], footprint[:, band], irradiance[:, band])
+                self.read_tile(tile, maps, lost[band])
+        return LightMapArrays(light, footprint, irradiance, lost)
+
+    def lost(self) -> NDArray[np.uint8]:
+        """See :meth:`LightMap.lost`."""
+        lost = np.empty(self.station.shape, np.uint8)
+        with self.failures():
+            for tile, band in self._bands():
+                self.read_tile(tile, None, lost[band])
+        return lost
+
+    def image(self, k: int, station: Station | None = None) -> Image:
+        """See :meth:`LightMap.image`."""
+        return self._made("image", station, k=k)[0]
+
+    def mean(self, station: Station | None = None) -> Image:
+        """See :meth:`LightMap.mean`."""
+        return self._made("mean", station)[0]
+
+    def fuse(self, station: Station | None = None) -> dict[str, Image]:
+        """See :meth:`LightMap.fuse`."""
+        return dict(zip(FUSIONS, self._made("fuse", station, len(FUSIONS)), strict=True))
+
+    def closed_form(self, station: Station | None = None) -> Image:
+        """See :meth:`LightMap.closed_form`."""
+        return self._made("closed_form", station)[0]
