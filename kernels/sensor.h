@@ -62,7 +62,8 @@ DEVICE Normals normal_numbers(COUNTER word, COUNTER other) {
 
 /* Poisson number of mean mu, from a uniform and a normal number; bounded work. */
 DEVICE REAL poisson_number(REAL mu, REAL uniform_, REAL normal) {
-    REAL many = max(floor(mu + sqrt(mu) * normal + 0.5f), 0.0f);
+    /* Rounding adds a variance of 1/12. */
+    REAL many = max(floor(mu + sqrt(max(mu - 0.083333333f, 0.0f)) * normal + 0.5f), 0.0f);
     MASK few = mu < POISSON_EXACT;
     if (!ANY(few && mu > 0.0f)) {
         return many;
@@ -71,7 +72,8 @@ DEVICE REAL poisson_number(REAL mu, REAL uniform_, REAL normal) {
     REAL sum = term;
     REAL count = 0.0f;
     for (int i = 1; i <= POISSON_TERMS; i++) {
-        count += (uniform_ > sum ? 1.0f : 0.0f);
+        /* Terms below half a last bit do not add to the sum, which may stay short of `uniform_`. */
+        count += (uniform_ > sum && term > 2.9802322e-8f ? 1.0f : 0.0f);
         term *= mu / FLOAT(i);
         sum += term;
     }
