@@ -2,14 +2,14 @@
 #include "portable.h"
 #include "station.h"
 #include "stripes.h"
+#include "sensor.h"
+#include "image.h"
 
 __kernel void aspect(__global float *mean, __global const float *light,
                      __global const float *footprint, __global const float *irradiance,
                      __constant Design *design, int sub_rays, int first_row) {
     Design d = *design;
     size_t at = (get_global_id(1) * get_global_size(0) + get_global_id(0)) * WIDTH;
-    Trapezoid t = exposed(lit_fraction(LOAD(light, at) * d.stripes.y,
-                                       LOAD(footprint, at) * d.stripes.y, d.stripes.x),
-                          LOAD(irradiance, at), d.sensor.x, d.stripes.z);
+    Trapezoid t = exposed_ray(d, LOAD(light, at), LOAD(footprint, at), LOAD(irradiance, at), 1);
     STORE(d.sensor.y * mean_over_scan(t, d.sequence.z), mean, at);
 }

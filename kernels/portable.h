@@ -18,6 +18,7 @@
 #define TO_REAL(x) float(x)
 #define TO_COUNTER(x) uint(x)
 #define FLOAT(i) float(i)
+#define UINT(x) uint(x)
 #define float2 vec2
 #define float3 vec3
 #define float4 vec4
@@ -28,6 +29,7 @@
 
 #define DEVICE static inline
 #define FLOAT(i) ((float)(i))
+#define UINT(x) ((uint)(x))
 #define STRUCT(name) typedef struct name name; struct name
 #if WIDTH == 8
 #define REAL float8

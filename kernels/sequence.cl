@@ -3,6 +3,7 @@
 #include "station.h"
 #include "stripes.h"
 #include "sensor.h"
+#include "image.h"
 
 /* Images whose exposure is worked out together: each sub-ray's trapezoid is made once for all. */
 #define CHUNK 8
@@ -22,42 +23,14 @@ DEVICE void exposures(Pixels px, Design d, int first, REAL signal[CHUNK]) {
     for (int j = 0; j < CHUNK; j++) {
         signal[j] = 0.0f;
     }
-    float gain = d.sensor.x / (float)px.sub_rays;
     for (int i = 0; i < px.sub_rays; i++) {
         size_t at = px.at + i * px.plane;
-        Trapezoid t = exposed(lit_fraction(LOAD(px.light, at) * d.stripes.y,
-                                           LOAD(px.footprint, at) * d.stripes.y, d.stripes.x),
-                              LOAD(px.irradiance, at), gain, d.stripes.z);
+        Trapezoid t = exposed_ray(d, LOAD(px.light, at), LOAD(px.footprint, at),
+                                  LOAD(px.irradiance, at), px.sub_rays);
         for (int j = 0; j < CHUNK; j++) {
-            signal[j] += at_shift(t, (float)(first + j) * d.sequence.y);
+            signal[j] += at_shift(t, shift_of(d, first + j));
         }
     }
-}
-
-DEVICE COUNTER seed_of(Design d) {
-    return (uint)d.noise.y + 65536u * (uint)d.noise.z;
-}
-
-/* Grey level of a pixel in image k. `column`, `row` count over the whole image, so that
-   noise does not depend on tiles. */
-DEVICE REAL grey_level(REAL signal, Design d, int k, COUNTER column, COUNTER row, Normals pattern) {
-    if (d.noise.x == 0.0f) {
-        return saturated(signal, d.sensor.y);
-    }
-    Words words = random_words(column, row, (uint)k, seed_of(d));
-    return noisy_grey_level(signal, pattern, words, d.sensor, d.dark);
-}
-
-/* The fixed pattern of a pixel: its share of PRNU and DSNU. */
-DEVICE Normals fixed_pattern(Design d, COUNTER column, COUNTER row) {
-    Normals none;
-    none.first = 0.0f;
-    none.second = 0.0f;
-    if (d.noise.x == 0.0f || (d.dark.y == 0.0f && d.dark.z == 0.0f)) {
-        return none;
-    }
-    Words words = random_words(column, row, FIXED_PATTERN, seed_of(d));
-    return normal_numbers(words.a, words.b);
 }
 
 #define PIXELS(px, column, row)                                                               \

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 
 import pytest
+
 from gpuspec.backends import BACKENDS, Backend, open_backend
 from gpuspec.opencl import OpenCLBackend
 

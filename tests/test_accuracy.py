@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 import oracle
 import pytest
-from gpuspec.opencl import OpenCLBackend
-from gpuspec.station import Station
 from scenes import check_station, oracle_scene
 from tolerances import (
     ANY_SCENE_RMS_DN,
@@ -19,6 +17,9 @@ from tolerances import (
     TABLE_MAXIMUM_DN,
     TABLE_MEDIAN_DN,
 )
+
+from gpuspec.opencl import OpenCLBackend
+from gpuspec.station import Station
 
 # Pupil D, sigma, depth d (mm), exposure g, flawless median, maximum: the check values of the model,
 # the pinhole's maxima after 262,144 rays per pixel.

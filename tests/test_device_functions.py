@@ -24,6 +24,7 @@ from scipy.interpolate import BSpline
 from scipy.stats import poisson
 
 from gpuspec.parameters import MATERIALS
+from gpuspec.reference import random_words
 from gpuspec.sources import folder
 
 Array = NDArray[np.float64]
@@ -1066,6 +1067,112 @@ def test_noise_takes_the_formulas_of_emva_1288_in_their_order(device: Device) ->
     assert (got == full).sum() > 100
 
 
+# ------------------------------------------------------------------------------- image.h, by design
+
+IMAGE = ("station.h", "stripes.h", "sensor.h", "image.h")
+DESIGN = """Design d; d.stripes = stripes; d.sequence = sequence; d.sensor = sensor; d.dark = dark;
+    d.noise = noise;"""
+
+
+def designs(d: Draws, noise: bool) -> dict[str, Array]:
+    """Designs, one for each group, as `kernels/station.h` lays them out."""
+    full = np.full((d.groups, 1), 4095.0)
+    seed = np.floor(d.shared(0, 65535)), np.floor(d.shared(0, 65535))
+    rows = {
+        "stripes": (d.shared(0.1, 0.9), 1 / d.shared(2, 40), d.shared(0, 0.5), 0 * full),
+        "sequence": (full, 1 / np.floor(d.shared(2, 99)), 0 * full, 0 * full),
+        "sensor": (d.shared(0.5, 6), full, d.scales(2000, 50000, True), d.shared(1, 30)),
+        "dark": (d.shared(0, 50), d.shared(1, 40), d.shared(0.01, 0.4), d.shared(0, 60)),
+        "noise": (0 * full + noise, *seed, 0 * full),
+    }
+    return {f"float4 {name}": rounded(np.concatenate(row, axis=1)) for name, row in rows.items()}
+
+
+@holds("exposed_ray", wrong=("FLOAT(sub_rays), d.stripes.z", "1.0f, d.stripes.z"))
+def test_sub_rays_share_a_pixel_and_see_the_lit_fraction_of_their_footprint(device: Device) -> None:
+    d = Draws(40)
+    design = designs(d, noise=False)
+    light, footprint = d.pixel(-60, 60), d.pixel(0.5, 30)
+    seen, shift = d.pixel(0, 1), d.shared(0, 1)
+    inputs = {"REAL light": light, "REAL footprint": footprint, "REAL seen": seen,
+              **shared(shift=shift), **design}  # fmt: skip
+    code = DESIGN + "REAL e = at_shift(exposed_ray(d, light, footprint, seen, 4), shift);"
+    (got,) = device.call(IMAGE, code, inputs, ("e",))
+    a, per_mm, leak = (design["float4 stripes"][:, i : i + 1] for i in range(3))
+    low = light * per_mm - shift - footprint * per_mm / 2
+    high = low + footprint * per_mm
+    lit = [a * np.floor(u) + np.minimum(u - np.floor(u), a) for u in (low, high)]
+    share = (lit[1] - lit[0]) / (footprint * per_mm)
+    gain = design["float4 sensor"][:, :1]
+    close(got, gain * seen / 4 * (leak + (1 - leak) * share), atol=tolerances.EXPOSED_RAY)
+
+
+@holds("shift_of", wrong=("FLOAT(k) * d.sequence.y", "FLOAT(k) * d.sequence.x"))
+def test_images_are_shifted_by_equal_steps(device: Device) -> None:
+    d = Draws(41)
+    design = designs(d, noise=False)
+    k = np.broadcast_to(np.arange(d.groups, dtype=float)[:, None], (d.groups, LANES))
+    inputs = {**shared(k=k[:, :1]), **design}
+    code = DESIGN + "float shift = shift_of(d, UINT(k)); REAL s = shift;"
+    (got,) = device.call(IMAGE, code, inputs, ("s",))
+    close(got, k * design["float4 sequence"][:, 1:2], rtol=tolerances.FLOAT_ROUNDING)
+
+
+@holds("words_of", wrong=("65536u * UINT(d.noise.z)", "65535u * UINT(d.noise.z)"))
+def test_words_belong_to_pixel_image_and_seed(device: Device) -> None:
+    d = Draws(42)
+    design = designs(d, noise=True)
+    column, row = d.rng.integers(0, 2**32, (2, d.groups, LANES), np.uint32)
+    inputs = {"COUNTER column": column, "COUNTER row": row, **design}
+    code = DESIGN + "Words w = words_of(d, column, row, 7u);"
+    got = device.call(IMAGE, code, inputs, ("COUNTER w.a", "COUNTER w.d"))
+    seeds = design["float4 noise"][:, 1] + 65536 * design["float4 noise"][:, 2]
+    for group in range(0, d.groups, 25):
+        words = random_words(column[group], row[group], 7, int(seeds[group]))
+        assert np.array_equal(got[0][group], words[0])
+        assert np.array_equal(got[1][group], words[3])
+
+
+@holds("fixed_pattern", wrong=("d.noise.x == 0.0f || (d.dark", "d.noise.x == 1.0f || (d.dark"))
+def test_the_fixed_pattern_is_none_without_noise_and_normal_with_it(device: Device) -> None:
+    d = Draws(43, 4 * GROUPS)
+    column, row = d.rng.integers(0, 2**32, (2, d.groups, LANES), np.uint32)
+    code = DESIGN + "Normals p = fixed_pattern(d, column, row);"
+    for noise in (False, True):
+        design = designs(d, noise)
+        inputs = {"COUNTER column": column, "COUNTER row": row, **design}
+        first, second = device.call(IMAGE, code, inputs, ("p.first", "p.second"))
+        if not noise:
+            assert (first == 0).all()
+            assert (second == 0).all()
+        else:
+            count = first.size
+            for values in (first, second):  # five standard errors
+                assert abs(values.mean()) < 5 / np.sqrt(count)
+                assert abs(values.var() - 1) < 5 * np.sqrt(2 / count)
+
+
+@holds("grey_level", wrong=("words_of(d, column, row, UINT(k))", "words_of(d, column, row, 0u)"))
+def test_a_grey_level_is_saturated_or_noisy_by_the_image_s_own_words(device: Device) -> None:
+    d = Draws(44)
+    column, row = d.rng.integers(0, 4000, (2, d.groups, LANES), np.uint32)
+    signal = d.pixel(0, 1.5)
+    code = (
+        DESIGN
+        + """Normals none; none.first = 0.0f; none.second = 0.0f;
+        REAL y = grey_level(signal, d, 5, column, row, none);
+        REAL z = noisy_grey_level(signal, none, words_of(d, column, row, 5u), d.sensor, d.dark);"""
+    )
+    for noise in (False, True):
+        inputs = {"REAL signal": signal, "COUNTER column": column, "COUNTER row": row,
+                  **designs(d, noise)}  # fmt: skip
+        got, noisy = device.call(IMAGE, code, inputs, ("y", "z"))
+        if noise:
+            assert np.array_equal(got, noisy)
+        else:
+            close(got, 4095 * np.minimum(signal, 1), rtol=tolerances.FLOAT_ROUNDING)
+
+
 # --------------------------------------------------------------------------------------- coverage
 
 
@@ -1073,7 +1180,7 @@ def test_every_device_function_has_a_law_here() -> None:
     pattern = re.compile(r"^DEVICE\s+\w+\s+(\w+)\(", re.MULTILINE)
     texts = [path.read_text(encoding="utf-8") for path in sorted(folder("kernels").glob("*.h"))]
     functions = [name for text in texts for name in pattern.findall(text)]
-    assert len(functions) >= 38
+    assert len(functions) >= 43
     assert sorted(functions) == sorted(LAWS)
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from gpuspec.backends import Backend
-from gpuspec.inspection import simulate
-from gpuspec.station import Station
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scenes import check_station
 from tolerances import EQUAL_MEAN_DN, POINT_SAMPLED_DN, SIGNATURE_WIDTH, SYMMETRY_MM
+
+from gpuspec.backends import Backend
+from gpuspec.inspection import simulate
+from gpuspec.station import Station
 
 
 def test_point_sampled_pixels_give_no_contrast(backend):

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scenes import check_station
+from tolerances import CREASE_FLIPS, DEVICE_DN, FOOTPRINT_SHARE, IMAGE_DN, LIGHT_MM, LOST_FLIPS
+
 from gpuspec.opencl import OpenCLBackend
 from gpuspec.reference import NumpyBackend
 from gpuspec.station import Station
-from scenes import check_station
-from tolerances import CREASE_FLIPS, DEVICE_DN, FOOTPRINT_SHARE, IMAGE_DN, LIGHT_MM, LOST_FLIPS
 
 POPULATIONS = [
     {"kind": "dent", "count": 8, "seed": 4, "diameter_mm": [0.3, 1.5], "depth_um": [1, 12]},

@@ -195,3 +195,7 @@ SCALED_SHARE = 1e-5
 THRESHOLD_DN = 0.02
 """DN: pixels so near to the threshold may be detected by one backend only; as DEVICE_DN, and one
 noisy image in 40 that rounds the other way, 0.025 at most, is rarer than one pixel in 80,000."""
+
+EXPOSED_RAY = 5e-5
+"""Of saturation, at gain 6: a light coordinate of 30 periods rounded to float, over a footprint of
+a hundredth of a period; measured 1.6e-5."""

@@ -13,10 +13,11 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import oracle
-from gpuspec.backends import open_backend
-from gpuspec.reference import NumpyBackend
 from scenes import check_station, oracle_scene
 from test_accuracy import TABLE
+
+from gpuspec.backends import open_backend
+from gpuspec.reference import NumpyBackend
 
 
 def main() -> None:

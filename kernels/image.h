@@ -1,0 +1,45 @@
+/* From a light map's entry to a grey level: a design's stripes, exposure and sensor applied. */
+#ifndef IMAGE_H
+#define IMAGE_H
+
+/* Exposure of one of `sub_rays` sub-rays as a trapezoid in the shift; they add up to the pixel's. */
+DEVICE Trapezoid exposed_ray(Design d, REAL light, REAL footprint, REAL irradiance, int sub_rays) {
+    Trapezoid q = lit_fraction(light * d.stripes.y, footprint * d.stripes.y, d.stripes.x);
+    return exposed(q, irradiance, d.sensor.x / FLOAT(sub_rays), d.stripes.z);
+}
+
+/* Shift of the tunnel in image k, in periods. */
+DEVICE float shift_of(Design d, int k) {
+    return FLOAT(k) * d.sequence.y;
+}
+
+/* Random words of a pixel in image k; column and row count over the whole image, so that noise
+   does not depend on tiles. */
+DEVICE Words words_of(Design d, COUNTER column, COUNTER row, uint k) {
+    COUNTER seed = UINT(d.noise.y) + 65536u * UINT(d.noise.z);
+    COUNTER image = k;
+    return random_words(column, row, image, seed);
+}
+
+/* The fixed pattern of a pixel: its share of PRNU and DSNU, the same in every image. */
+DEVICE Normals fixed_pattern(Design d, COUNTER column, COUNTER row) {
+    Normals none;
+    none.first = 0.0f;
+    none.second = 0.0f;
+    if (d.noise.x == 0.0f || (d.dark.y == 0.0f && d.dark.z == 0.0f)) {
+        return none;
+    }
+    Words words = words_of(d, column, row, FIXED_PATTERN);
+    return normal_numbers(words.a, words.b);
+}
+
+/* Grey level of a pixel in image k, from its exposure E. */
+DEVICE REAL grey_level(REAL signal, Design d, int k, COUNTER column, COUNTER row, Normals pattern) {
+    if (d.noise.x == 0.0f) {
+        return saturated(signal, d.sensor.y);
+    }
+    Words words = words_of(d, column, row, UINT(k));
+    return noisy_grey_level(signal, pattern, words, d.sensor, d.dark);
+}
+
+#endif
