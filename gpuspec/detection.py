@@ -20,7 +20,10 @@ from gpuspec.measures import measure_blobs
 from gpuspec.page import (
     GREY,
     MARGIN,
+    SKY,
+    VERMILION,
     WIDTH,
+    YELLOW,
     Sheet,
     draw_codes,
     draw_grey,
@@ -40,8 +43,6 @@ if TYPE_CHECKING:
     from gpuspec.inspection import Result
     from gpuspec.truth import KnownDefect
 
-# M. Okabe, K. Ito, Color universal design (2008): told apart by colour-blind readers too.
-SKY, VERMILION, YELLOW = "#56B4E9", "#D55E00", "#F0E442"
 
 KINDS = {"hit": SKY, "false": YELLOW, "missed": VERMILION}  # by rising priority
 LETTERS = "abcdef"

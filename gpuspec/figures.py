@@ -26,6 +26,7 @@ from gpuspec.detection import detection_picture
 from gpuspec.drawing import station_drawing
 from gpuspec.page import (
     MARGIN,
+    VERMILION,
     WIDTH,
     Sheet,
     draw_codes,
@@ -56,8 +57,6 @@ __all__ = [
     "station_picture",
 ]
 
-# M. Okabe, K. Ito, Color universal design (2008): told apart by colour-blind readers too.
-SKY, VERMILION, YELLOW = "#56B4E9", "#D55E00", "#F0E442"
 
 LOST_COLOURS = ("#D9D9D9", "#FFFFFF", "#CC79A7", "#E69F00", "#0072B2")
 FRAME_MS = 120

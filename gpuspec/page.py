@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 DPI = 110
 WIDTH = 1500  # px, of a page
 MARGIN = 96  # px, left and right of what is drawn
+# M. Okabe, K. Ito, Color universal design (2008): told apart by colour-blind readers too.
+SKY, VERMILION, YELLOW = "#56B4E9", "#D55E00", "#F0E442"
+
 GREY = matplotlib.colormaps["gray"].with_extremes(bad="white", under="black")
 
 

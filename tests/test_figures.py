@@ -19,9 +19,6 @@ from gpuspec.backends import LOST
 from gpuspec.drawing import station_drawing
 from gpuspec.figures import (
     PICTURES,
-    SKY,
-    VERMILION,
-    YELLOW,
     aspect_picture,
     detection_picture,
     histogram_picture,
@@ -32,7 +29,7 @@ from gpuspec.figures import (
     station_picture,
 )
 from gpuspec.inspection import Result, simulate
-from gpuspec.page import MARGIN, WIDTH
+from gpuspec.page import MARGIN, SKY, VERMILION, WIDTH, YELLOW
 from gpuspec.reference import ray_paths
 from gpuspec.scoring import score
 from gpuspec.station import Station
