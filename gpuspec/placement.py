@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 
 _COUNT_MAX = 1_000_000
 _IDLE_ROUNDS = 30
+_TRIALS = 100
 # Equal disks dropped at random on a plane without overlap never cover more (Feder's jamming limit).
 _JAMMING = 0.547
 _FEW = 100  # so few may be large beside the part and cover more
@@ -32,7 +33,7 @@ _FEW = 100  # so few may be large beside the part and cover more
 def place(station: Station) -> tuple[Defect, ...]:
     """Return the explicit defects and those of every population.
 
-    Zones of a population stay wholly on the part and clear of every other zone, so that each
+    Zones of a population stay wholly on the part and clear of every other dent, bump and scratch, so that each
     defect can be counted; candidates that touch are drawn again.
 
     Raises
@@ -94,15 +95,19 @@ def _placed(
     idle = 0
     while not done.all() and area < room and idle < _IDLE_ROUNDS:
         missing = largest_first[~done[largest_first]]
-        points[missing], fits = _drawn(
+        if idle:  # those left are hard to place: many trials at once
+            missing = np.tile(missing, 1 + _TRIALS // len(missing))
+        drawn, fits = _drawn(
             extent[missing], size[missing], vertices, bend, random, np.array([length, width]) / 2
         )
-        trial = missing[fits]
-        fresh = _Chains.along(points[trial], size[trial] / 2)
+        trial, drawn = missing[fits], drawn[fits]
+        fresh = _Chains.along(drawn, size[trial] / 2)
         clear = fresh.clear_of(taken, population.spacing_mm)
-        done[trial[clear]] = True
-        taken = taken.with_(_Chains.along(points[trial[clear]], size[trial[clear]] / 2))
-        idle = 0 if clear.any() else idle + 1
+        settled, first = np.unique(trial[clear], return_index=True)
+        points[settled] = drawn[clear][first]
+        done[settled] = True
+        taken = taken.with_(_Chains.along(points[settled], size[settled] / 2))
+        idle = 0 if len(settled) else idle + 1
     if not done.all():
         raise StationError(
             f"{name}: {count:,} defects of kind {population.kind} do not fit on the part of "
@@ -157,17 +162,22 @@ class _Chains:
 
     @classmethod
     def along(cls, points: Array, radius: Array) -> _Chains:
-        """Chains along centre lines (n, vertices, 2), disks at most a radius apart."""
+        """Chains along centre lines (n, vertices, 2), disks at most a radius apart.
+
+        The disks are so much larger than the zone is wide that they cover it whole.
+        """
         count, vertices = points.shape[:2]
         start = points[:, : max(vertices - 1, 1)].reshape(-1, 2)
         course = points[:, min(1, vertices - 1) :].reshape(-1, 2) - start
         owner = np.repeat(np.arange(count), max(vertices - 1, 1))
-        steps = np.ceil(np.hypot(*course.T) / radius[owner]).astype(np.int64)
+        length = np.hypot(*course.T)
+        steps = np.ceil(length / radius[owner]).astype(np.int64)
+        cover = np.hypot(radius[owner], length / np.maximum(steps, 1) / 2)
         piece = np.repeat(np.arange(len(owner)), steps + 1)
         nth = np.arange(len(piece)) - np.repeat(np.cumsum(steps + 1) - steps - 1, steps + 1)
         share = nth / np.maximum(steps[piece], 1)
         centre = start[piece] + course[piece] * share[:, None]
-        return cls(centre, radius[owner][piece], owner[piece])
+        return cls(centre, cover[piece], owner[piece])
 
     @classmethod
     def of(cls, defects: list[Defect]) -> _Chains:
@@ -201,10 +211,13 @@ class _Chains:
             hits, other, gap = _near(self.centre, taken.centre, reach)
             touch = gap < self.radius[hits] + taken.radius[other] + spacing
             clear[self.owner[hits[touch]]] = False
-        hits, other, gap = _near(self.centre, self.centre, 2 * self.radius.max() + spacing)
-        touch = gap < self.radius[hits] + self.radius[other] + spacing
-        first, second = self.owner[hits], self.owner[other]
-        touch &= (first < second) & clear[first] & clear[second]
+        left = clear[self.owner]
+        if not left.any():
+            return clear
+        centre, radius, owner = self.centre[left], self.radius[left], self.owner[left]
+        hits, other, gap = _near(centre, centre, 2 * radius.max() + spacing)
+        first, second = owner[hits], owner[other]
+        touch = (first < second) & (gap < radius[hits] + radius[other] + spacing)
         pairs = np.unique(np.stack([first[touch], second[touch]], axis=1), axis=0)
         for a, b in pairs.tolist():
             if clear[a]:

@@ -22,9 +22,9 @@ Mask = npt.NDArray[np.bool_]
 SIGMA_PER_MAD = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
 
-ROUNDING = 1e-3
-"""Share of one image that float32 sums may add: images² · 2⁻²⁴ while one image is above the floor
-(images < 50), with room for six times that."""
+MARGIN = 0.1
+"""Share of one image left for its noise: 7 sigma of the shot noise of 5,000 electrons. Float32 sums
+add 2e-4 of it at most (images² · 2⁻²⁴ while one image is above the floor, images < 50)."""
 
 
 def flawless_level(aspect: GreyLevels, valid: Mask) -> float:
@@ -57,8 +57,8 @@ def automatic_threshold(
 
     ``T = median + max(7 · 1.4826 · MAD, full_scale_dn / images, 0.02 · full_scale_dn)``, over the
     valid pixels. Seven sigmas, so that not one of millions of flawless pixels passes; one image,
-    because a flawless pixel may be luminous in one image more than its neighbour (plus a thousandth
-    of it, for such pixels sit exactly on the bound and float32 sums round); 2 % of full scale, as a
+    because a flawless pixel may be luminous in one image more than its neighbour (plus a tenth of
+    it, for such pixels sit exactly on the bound and that image has noise); 2 % of full scale, as a
     floor under perfectly even backgrounds. Defects are taken to cover less than half of the part.
 
     Parameters
@@ -92,7 +92,7 @@ def automatic_threshold(
     pixels -= median
     np.abs(pixels, out=pixels)
     robust_sigma = SIGMA_PER_MAD * float(np.median(pixels, overwrite_input=True))
-    one_image = full_scale_dn / images * (1 + ROUNDING)
+    one_image = full_scale_dn / images * (1 + MARGIN)
     return median + max(7 * robust_sigma, one_image, 0.02 * full_scale_dn)
 
 

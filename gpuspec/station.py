@@ -214,7 +214,7 @@ class Station(Section):
         """
         path = Path(path)
         try:
-            text = path.read_bytes().decode("utf-8")
+            text = path.read_bytes().decode("utf-8-sig")
         except FileNotFoundError:
             raise StationError(
                 f"{path}: no such station file; `gpuspec init` writes one to start from."

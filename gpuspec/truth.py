@@ -91,11 +91,12 @@ def surface_points(
     rows, columns = station.shape
     x = (np.asarray(column, np.float64) + 0.5 - columns / 2) * station.camera.sampling_mm
     y = (rows / 2 - np.asarray(row, np.float64) - 0.5) * station.camera.sampling_mm
+    x, y = np.broadcast_arrays(x, y)
     if station.part.surface == "orientation":
         return x, y
     h = station.camera.height_mm
     axes = list(zip(curvatures(station), (x, y), strict=True))
-    k = np.ones(np.broadcast_shapes(x.shape, y.shape))
+    k = np.ones(x.shape)
     for _ in range(_NEWTON_STEPS):
         miss = k - 1 + shape_height(x * k, y * k, station) / h
         slope = [c * u * k / np.sqrt(np.maximum(1 - (c * u * k) ** 2, 1e-6)) for c, u in axes]
