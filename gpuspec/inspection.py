@@ -160,6 +160,65 @@ def simulate(
     BackendError
         If the backend is absent or fails.
     """
+    return trace(station, backend, device, progress).result(progress=progress)
+
+
+@dataclass(frozen=True)
+class Traced:
+    """A station whose part is placed and whose light map is traced: all that geometry decides.
+
+    Attributes
+    ----------
+    station : Station
+    info : DeviceInfo
+    relief : Relief
+    truth : Truth
+    light_map : LightMap
+        On the device.
+    lost : ndarray of uint8, shape (M, N)
+        Why a pixel sees no light, index into ``backends.LOST``.
+    """
+
+    station: Station
+    info: DeviceInfo
+    relief: Relief
+    truth: Truth
+    light_map: LightMap
+    lost: NDArray[np.uint8]
+
+    def result(self, light_map: LightMap | None = None, progress: Progress | None = None) -> Result:
+        """Take the aspect image, segment and score it.
+
+        Parameters
+        ----------
+        light_map : LightMap, optional
+            The traced one with another light on it; None: the station's own.
+        progress : callable, optional
+            Told in a few words what is being done.
+        """
+        tell = progress or (lambda _: None)
+        light_map = light_map or self.light_map
+        station, truth, valid = self.station, self.truth, self.lost != BESIDE
+        tell("taking the aspect image")
+        aspect = light_map.aspect()
+        tell("segmenting and scoring")
+        found = inspect(aspect, valid, station, self.lost == 0)
+        scored = score(found.labels, truth.labels, valid, len(truth.defects))
+        kinds = [defect.kind for defect in truth.defects]
+        table = confusion(kinds, truth.labels, found.labels, found.classes)
+        return Result(
+            station, self.info, aspect, self.lost, truth.labels, truth.defects, found, scored,
+            table, light_map, self.relief, tuple(cautions(station, truth, scored)),
+        )  # fmt: skip
+
+
+def trace(
+    station: Station,
+    backend: str | Backend = "auto",
+    device: str | None = None,
+    progress: Progress | None = None,
+) -> Traced:
+    """Place a station's defects and trace it; parameters and errors as :func:`simulate`."""
     tell = progress or (lambda _: None)
     check_memory(station)
     tell("placing defects")
@@ -169,19 +228,7 @@ def simulate(
     engine = open_backend(backend, device) if isinstance(backend, str) else backend
     tell(f"tracing on {engine.info.device}")
     light_map = engine.trace(station, relief)
-    lost = light_map.lost()
-    tell("taking the aspect image")
-    aspect = light_map.aspect()
-    tell("segmenting and scoring")
-    valid = lost != BESIDE
-    found = inspect(aspect, valid, station, lost == 0)
-    scored = score(found.labels, truth.labels, valid, len(truth.defects))
-    kinds = [defect.kind for defect in truth.defects]
-    table = confusion(kinds, truth.labels, found.labels, found.classes)
-    return Result(
-        station, engine.info, aspect, lost, truth.labels, truth.defects, found, scored, table,
-        light_map, relief, tuple(cautions(station, truth, scored)),
-    )  # fmt: skip
+    return Traced(station, engine.info, relief, truth, light_map, light_map.lost())
 
 
 def inspect(
