@@ -7,6 +7,7 @@ paper does not say how its threshold is chosen; the rule of `automatic_threshold
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,10 @@ Mask = npt.NDArray[np.bool_]
 
 SIGMA_PER_MAD = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
+
+GRID = 1 / 2040
+"""Automatic thresholds are rounded up to whole steps of this share of full scale, 0.125 DN of 255,
+so that backends that differ by a float's rounding take the same."""
 
 MARGIN = 0.1
 """Share of one image left for its noise: 7 sigma of the shot noise of 5,000 electrons. Float32 sums
@@ -59,7 +64,7 @@ def automatic_threshold(
     valid pixels. Seven sigmas, so that not one of millions of flawless pixels passes; one image,
     because a flawless pixel may be luminous in one image more than its neighbour (plus a tenth of
     it, for such pixels sit exactly on the bound and that image has noise); 2 % of full scale, as a
-    floor under perfectly even backgrounds. Defects are taken to cover less than half of the part.
+    floor under perfectly even backgrounds. It is rounded up to a step of ``GRID``. Defects are taken to cover less than half of the part.
 
     Parameters
     ----------
@@ -93,7 +98,9 @@ def automatic_threshold(
     np.abs(pixels, out=pixels)
     robust_sigma = SIGMA_PER_MAD * float(np.median(pixels, overwrite_input=True))
     one_image = full_scale_dn / images * (1 + MARGIN)
-    return median + max(7 * robust_sigma, one_image, 0.02 * full_scale_dn)
+    threshold = median + max(7 * robust_sigma, one_image, 0.02 * full_scale_dn)
+    step = GRID * full_scale_dn
+    return math.ceil(threshold / step - 1e-6) * step
 
 
 def segment(
