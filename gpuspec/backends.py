@@ -23,7 +23,7 @@ LOST = ("seen", "beside the part", "down", "past the tunnel's end", "camera open
 BESIDE = 1
 
 # In the order in which `auto` tries them.
-BACKENDS = ("opencl", "numpy")
+BACKENDS = ("opencl", "opengl", "vulkan", "numpy")
 
 
 @dataclass(frozen=True)
@@ -171,6 +171,14 @@ def _open(name: str, device: str | None) -> Backend:
         from gpuspec.opencl import OpenCLBackend
 
         return OpenCLBackend(device)
+    if name == "opengl":
+        from gpuspec.opengl import OpenGLBackend
+
+        return OpenGLBackend(device)
+    if name == "vulkan":
+        from gpuspec.vulkan import VulkanBackend
+
+        return VulkanBackend(device)
     if name == "numpy":
         from gpuspec.reference import NumpyBackend
 
@@ -209,6 +217,14 @@ def _devices(name: str) -> list[DeviceInfo]:
         from gpuspec import opencl
 
         return [opencl.describe(device) for device in opencl.devices()]
+    if name == "opengl":
+        from gpuspec import opengl
+
+        return opengl.devices()
+    if name == "vulkan":
+        from gpuspec import vulkan
+
+        return [vulkan.describe(adapter.info) for adapter in vulkan.adapters()]
     from gpuspec.reference import NumpyBackend
 
     return [NumpyBackend().info]

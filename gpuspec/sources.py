@@ -7,6 +7,9 @@ from functools import cache
 from pathlib import Path
 
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
+_LINE = re.compile(r"^#line (\d+) (\d+)$", re.MULTILINE)
+_PLACE = re.compile(r"^((?:ERROR: |WARNING: )?)\d+[:(](\d+)(?:\(\d+\)|\))?\s*:", re.MULTILINE)
+_FILE = 100_000  # lines of a file, at most
 
 
 def folder(name: str) -> Path:
@@ -26,20 +29,85 @@ def kernel_source(name: str) -> str:
 
 def resolved(text: str, name: str) -> str:
     """Return OpenCL C text with every include of `kernels/` in place; `name` is for messages."""
-    return "\n".join(_resolved(folder("kernels"), text, name, set()))
+    return "\n".join(_resolved(text, name, {}, '#line {line} "{name}"'))
 
 
-def _resolved(where: Path, text: str, name: str, seen: set[str]) -> list[str]:
-    lines = [f'#line 1 "{name}"']
-    for number, line in enumerate(text.splitlines(), 1):
+@cache
+def shader_source(
+    name: str, version: int, defines: tuple[str, ...] = (), lines: bool = True
+) -> tuple[str, tuple[str, ...]]:
+    """Return a GLSL file of `shaders/`, ready to compile; see :func:`resolved_shader`."""
+    text = (folder("shaders") / name).read_text(encoding="utf-8")
+    return resolved_shader(text, f"shaders/{name}", version, defines, lines)
+
+
+def resolved_shader(
+    text: str, name: str, version: int, defines: tuple[str, ...] = (), lines: bool = True
+) -> tuple[str, tuple[str, ...]]:
+    """Return GLSL text with every include of `shaders/` and `kernels/` in place, once each.
+
+    Parameters
+    ----------
+    text : str
+        Without ``#version``.
+    name : str
+        For messages.
+    version : int
+        Of the language, e.g. 330.
+    defines : tuple of str
+        Words to define, e.g. ``"NOISE"`` or ``"SUB_RAYS 4"``.
+    lines : bool
+        Whether ``#line`` directives keep file and line. GLSL numbers its files.
+
+    Returns
+    -------
+    text : str
+    names : tuple of str
+        The files by their number; `named_files` puts them into a compiler's messages.
+    """
+    names: dict[str, int] = {}
+    body = _resolved(text, name, names, "#line {line} {number}" if lines else "")
+    head = [f"#version {version}", *(f"#define {word}" for word in ("GPUSPEC_GLSL", *defines))]
+    return "\n".join([*head, *body, ""]), tuple(names)
+
+
+def numbered_lines(text: str) -> str:
+    """Return GLSL text whose lines carry their file's number: Mesa forgets that of ``#line``."""
+    return _LINE.sub(lambda found: f"#line {int(found[2]) * _FILE + int(found[1])}", text)
+
+
+def named_files(log: str, names: tuple[str, ...]) -> str:
+    """Return the compiler's messages on `numbered_lines` with file and line.
+
+    Mesa writes ``0:12(5): error``, NVIDIA ``0(12) : error``, Apple ``ERROR: 0:12:``.
+    """
+
+    def name(found: re.Match[str]) -> str:
+        file, line = divmod(int(found[2]), _FILE)
+        return f"{found[1]}{names[file]}:{line}:" if file < len(names) else found[0]
+
+    return _PLACE.sub(name, log)
+
+
+def _resolved(text: str, name: str, seen: dict[str, int], directive: str) -> list[str]:
+    """Text line by line; `seen` numbers the files, `directive` says where a line is from."""
+    number = seen.setdefault(name, len(seen))
+
+    def here(line: int) -> list[str]:
+        return [directive.format(line=line, number=number, name=name)] if directive else []
+
+    lines = here(1)
+    for at, line in enumerate(text.splitlines(), 1):
         include = _INCLUDE.match(line)
         if include is None:
             lines.append(line)
-        elif include[1] not in seen:
-            seen.add(include[1])
-            included = (where / include[1]).read_text(encoding="utf-8")
-            lines += _resolved(where, included, f"kernels/{include[1]}", seen)
-            lines.append(f'#line {number + 1} "{name}"')
+            continue
+        where = "shaders" if include[1].endswith(".glsl") else "kernels"
+        included = f"{where}/{include[1]}"
+        if included not in seen:
+            header = (folder(where) / include[1]).read_text(encoding="utf-8")
+            lines += _resolved(header, included, seen, directive)
+            lines += here(at + 1)
         else:
             lines.append("")
     return lines

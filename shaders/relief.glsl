@@ -2,7 +2,9 @@
    GROOVE(i), BLOCK_FIRST(b), PIECE(i), MAP(i), COEFFICIENT(i); and has `g` (Geometry), `map_count`.
    The plumbing of `kernels/trace.cl`, in GLSL. */
 #define BLOCK 16
+#ifndef NEWTON_STEPS
 #define NEWTON_STEPS 4
+#endif
 
 Surface grooves_at(Surface s, int first, int last, float column, float row, vec2 sub, vec2 shift) {
     Nearest nearest;

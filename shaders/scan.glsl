@@ -16,19 +16,41 @@ float signal_at(Trapezoid first, int k) {
     return signal;
 }
 
+/* Images whose exposure is worked out together: each sub-ray's trapezoid is made once for all. */
+#define CHUNK 8
+
+/* Exposure of CHUNK images from image `begin` on, summed over sub-rays. */
+void exposures(int begin, out float signal[CHUNK]) {
+    for (int j = 0; j < CHUNK; j++) {
+        signal[j] = 0.0;
+    }
+    for (int i = 0; i < sub_rays; i++) {
+        Trapezoid t = seen_by(RAY(i));
+        for (int j = 0; j < CHUNK; j++) {
+            signal[j] += at_shift(t, shift_of(d, begin + j));
+        }
+    }
+}
+
 float mean_of_images(uint column, uint row) {
     Normals pattern = fixed_pattern(d, column, row);
-    Trapezoid first = seen_by(RAY(0));
     int images = int(d.sequence.x);
     float sum = 0.0;
     if (d.noise.x == 0.0 && sub_rays == 1) {
+        Trapezoid only = seen_by(RAY(0));
         for (int k = 0; k < images; k++) {
-            sum += min(at_shift(first, shift_of(d, k)), 1.0);
+            sum += min(at_shift(only, shift_of(d, k)), 1.0);
         }
         return d.sensor.y * sum / float(images);
     }
-    for (int k = 0; k < images; k++) {
-        sum += grey_level(signal_at(first, k), d, k, column, row, pattern);
+    for (int begin = 0; begin < images; begin += CHUNK) {
+        float signal[CHUNK];
+        exposures(begin, signal);
+        for (int j = 0; j < CHUNK; j++) {
+            if (begin + j < images) {
+                sum += grey_level(signal[j], d, begin + j, column, row, pattern);
+            }
+        }
     }
     return sum / float(images);
 }
@@ -43,22 +65,29 @@ struct Fused {
 
 Fused fuse_images(uint column, uint row) {
     Normals pattern = fixed_pattern(d, column, row);
-    Trapezoid first = seen_by(RAY(0));
     int images = int(d.sequence.x);
     int lag = int(d.sequence.w);
     int pairs = int(d.noise.w);
     Fused f = Fused(0.0, 0.0, d.sensor.y, 0.0, 0.0);
-    for (int k = 0; k < images; k++) {
-        float y = grey_level(signal_at(first, k), d, k, column, row, pattern);
-        float gap = y - f.mean;
-        f.mean += gap / float(k + 1);
-        f.deviation += gap * (y - f.mean);
-        f.high = max(f.high, y);
-        f.low = min(f.low, y);
-        if (k < pairs) {
-            int partner = (k + lag) % images;
-            float later = grey_level(signal_at(first, k + lag), d, partner, column, row, pattern);
-            f.difference += abs(later - y);
+    for (int begin = 0; begin < images; begin += CHUNK) {
+        float signal[CHUNK];
+        float later[CHUNK];
+        exposures(begin, signal);
+        exposures(begin + lag, later);
+        for (int j = 0; j < CHUNK; j++) {
+            int k = begin + j;
+            if (k < images) {
+                float y = grey_level(signal[j], d, k, column, row, pattern);
+                float gap = y - f.mean;
+                f.mean += gap / float(k + 1);
+                f.deviation += gap * (y - f.mean);
+                f.high = max(f.high, y);
+                f.low = min(f.low, y);
+                if (k < pairs) {
+                    int partner = (k + lag) % images;
+                    f.difference += abs(grey_level(later[j], d, partner, column, row, pattern) - y);
+                }
+            }
         }
     }
     f.deviation = sqrt(max(f.deviation / float(images), 0.0));

@@ -7,6 +7,7 @@ import os
 import pytest
 
 from gpuspec.backends import BACKENDS, Backend, open_backend
+from gpuspec.errors import BackendError
 from gpuspec.opencl import OpenCLBackend
 
 
@@ -15,9 +16,28 @@ def backend(request: pytest.FixtureRequest) -> Backend:
     return open_backend(request.param)
 
 
+@pytest.fixture(scope="session", params=[name for name in BACKENDS if name != "numpy"])
+def device_backend(request: pytest.FixtureRequest) -> Backend:
+    """Every backend but the reference."""
+    return open_backend(request.param)
+
+
 @pytest.fixture(scope="session")
 def opencl() -> OpenCLBackend:
     return OpenCLBackend()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Without a driver the tests of its backend are skipped, or fail where none may be absent."""
+    if os.environ.get("GPUSPEC_NO_SKIPS"):
+        return
+    for name in ("opengl", "vulkan"):
+        try:
+            open_backend(name)
+        except BackendError as error:
+            for item in items:
+                if name in item.nodeid:
+                    item.add_marker(pytest.mark.skip(reason=str(error)))
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -14,8 +14,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from gpuspec.backends import Backend
 from gpuspec.opencl import OpenCLBackend
-from gpuspec.sources import resolved
+from gpuspec.opengl import LIST_WIDTH, OpenGLBackend
+from gpuspec.sources import resolved, resolved_shader
+from gpuspec.vulkan import GROUP, VulkanBackend
 
 LANES = 8
 """Pixels that share the inputs declared `float`: the widest REAL there is."""
@@ -97,17 +100,16 @@ class OpenCLDevice:
             f"size_t at = get_global_id(0) * WIDTH, group = at / {LANES};",
             *load, code, *store, "}",
         ]  # fmt: skip
-        source = resolved("\n".join(lines), "tests/device.py")
-        for old, new in self.edits:
-            if source.count(old) != 1:
-                raise ValueError(f"{old!r} is {source.count(old)} times in the source, not once")
-            source = source.replace(old, new)
+        source = edited(resolved("\n".join(lines), "tests/device.py"), self.edits)
         kernel = b.cl.Kernel(b.program(source, " ".join(headers)), "check")
         kernel(b.queue, (count * LANES // b.width,), None, *arguments)
         for result, buffer in zip(results, arguments[len(inputs) :], strict=True):
             b.cl.enqueue_copy(b.queue, result, buffer)
         return tuple(results)
 
+
+_TARGETS = 8
+"""Targets that a fragment shader of OpenGL 3.3 can draw into."""
 
 _SHAPES = {"REAL": (LANES,), "COUNTER": (LANES,), "float": (), "float4": (4,)}
 _LOADS = {
@@ -118,12 +120,161 @@ _LOADS = {
 }
 
 
-def open_backend(name: str) -> OpenCLBackend:
+def edited(source: str, edits: tuple[tuple[str, str], ...]) -> str:
+    """Return the source with replacements, each to be found there once."""
+    for old, new in edits:
+        if source.count(old) != 1:
+            raise ValueError(f"{old!r} is {source.count(old)} times in the source, not once")
+        source = source.replace(old, new)
+    return source
+
+
+@dataclass(frozen=True)
+class OpenGLDevice:
+    """Device functions as GLSL 330: a fragment per input, inputs and outputs in textures.
+
+    Attributes
+    ----------
+    backend : OpenGLBackend
+    edits : tuple of (str, str)
+        As those of `OpenCLDevice`.
+    """
+
+    backend: OpenGLBackend
+    edits: tuple[tuple[str, str], ...] = ()
+
+    def call(
+        self, headers: Sequence[str], code: str, inputs: Values, outputs: Sequence[str]
+    ) -> Outputs:
+        """See :meth:`OpenCLDevice.call`."""
+        b = self.backend
+        if len(outputs) > _TARGETS:
+            head = self.call(headers, code, inputs, outputs[:_TARGETS])
+            return head + self.call(headers, code, inputs, outputs[_TARGETS:])
+        count = len(next(iter(inputs.values())))
+        size = LIST_WIDTH, -(-count * LANES // LIST_WIDTH)
+        with b.failures():
+            uniforms, load, store, textures, targets = [], [], [], {}, []
+            for declared, values in inputs.items():
+                kind, name = declared.split()
+                words = kind == "COUNTER"
+                array = np.ascontiguousarray(values, np.uint32 if words else np.float32)
+                assert array.shape == (count, *_SHAPES[kind]), (declared, array.shape)
+                textures[f"{name}_"] = b.listed(array if kind == "float4" else array.ravel())
+                uniforms.append(f"uniform {'usampler2D' if words else 'sampler2D'} {name}_;")
+                index = "at" if _SHAPES[kind] == (LANES,) else f"at / {LANES}"
+                part = "" if kind == "float4" else ".x"
+                load.append(f"{kind} {name} = ENTRY({name}_, {index}){part};")
+            for number, expression in enumerate(outputs):
+                words = expression.startswith("COUNTER ")
+                kind, dtype = ("COUNTER", "u4") if words else ("REAL", "f4")
+                uniforms.append(f"layout(location = {number}) out {kind} out{number};")
+                store.append(f"out{number} = {expression.removeprefix('COUNTER ')};")
+                targets.append(b.target(size, 1, dtype))
+            lines = [
+                '#include "portable.h"',
+                *(f'#include "{header}"' for header in headers),
+                f"#define ENTRY(list, i) texelFetch(list, ivec2((i) % {LIST_WIDTH}, "
+                f"(i) / {LIST_WIDTH}), 0)",
+                *uniforms,
+                "void main() {",
+                f"int at = int(gl_FragCoord.x) + {LIST_WIDTH} * int(gl_FragCoord.y);",
+                *load, code, *store, "}",
+            ]  # fmt: skip
+            source, names = resolved_shader("\n".join(lines), "tests/device.py", 330)
+            program = b.build(edited(source, self.edits), names)
+            b.draw(program, targets, np.zeros(4, np.float32), textures)
+            return tuple(
+                np.frombuffer(target.read(), np.uint32 if target.dtype == "u4" else np.float32)
+                .ravel()[: count * LANES]
+                .reshape(count, LANES)
+                for target in targets
+            )
+
+
+@dataclass(frozen=True)
+class VulkanDevice:
+    """Device functions as GLSL 450: an invocation per input, inputs and outputs in buffers.
+
+    Attributes
+    ----------
+    backend : VulkanBackend
+    edits : tuple of (str, str)
+        As those of `OpenCLDevice`.
+    """
+
+    backend: VulkanBackend
+    edits: tuple[tuple[str, str], ...] = ()
+
+    def call(
+        self, headers: Sequence[str], code: str, inputs: Values, outputs: Sequence[str]
+    ) -> Outputs:
+        """See :meth:`OpenCLDevice.call`."""
+        b = self.backend
+        declarations, load, store, buffers, kinds, results = [], [], [], [], [], []
+
+        def declare(name: str, element: str, access: str) -> None:
+            binding = f"layout(std430, set = 0, binding = {len(buffers)}) {access} buffer"
+            declarations.append(f"{binding} Buffer{len(buffers)} {{ {element} {name}[]; }};")
+            kinds.append("read-only-storage" if access else "storage")
+
+        for declared, values in inputs.items():
+            kind, name = declared.split()
+            words = kind == "COUNTER"
+            array = np.ascontiguousarray(values, np.uint32 if words else np.float32)
+            count = len(array)
+            assert array.shape == (count, *_SHAPES[kind]), (declared, array.shape)
+            declare(f"{name}_", kind, "readonly")
+            index = "at" if _SHAPES[kind] == (LANES,) else f"at / {LANES}"
+            load.append(f"{kind} {name} = {name}_[{index}];")
+            buffers.append(b.constant(array))
+        for number, expression in enumerate(outputs):
+            words = expression.startswith("COUNTER ")
+            declare(f"out{number}", "COUNTER" if words else "REAL", "")
+            store.append(f"out{number}[at] = {expression.removeprefix('COUNTER ')};")
+            results.append(np.empty((count, LANES), np.uint32 if words else np.float32))
+            buffers.append(b.empty(results[-1].nbytes))
+        lines = [
+            '#include "portable.h"',
+            *(f'#include "{header}"' for header in headers),
+            *declarations,
+            f"layout(local_size_x = {GROUP}) in;",
+            "void main() {",
+            f"int at = int(gl_GlobalInvocationID.x + {GROUP}u * gl_NumWorkGroups.x "
+            "* gl_GlobalInvocationID.y);",
+            f"if (at >= {count * LANES}) return;",
+            *load, code, *store, "}",
+        ]  # fmt: skip
+        source, names = resolved_shader("\n".join(lines), "tests/device.py", 450)
+        pipeline = b.program(edited(source, self.edits), names, kinds)
+        columns = min(count * LANES, 1 << 20)
+        b.enqueue(pipeline, buffers, columns, -(-count * LANES // columns))
+        for result, buffer in zip(results, buffers[len(inputs) :], strict=True):
+            b.copy_home(result, buffer)
+        return tuple(results)
+
+
+def open_backend(name: str) -> Backend:
     """Return the device's backend; "opencl-scalar" is a GPU's width of REAL on any device."""
+    if name == "opengl":
+        return OpenGLBackend()
+    if name == "vulkan":
+        return VulkanBackend()
     backend = OpenCLBackend()
     if name == "opencl-scalar":
         backend.width = 1
     return backend
 
 
-DEVICES = ("opencl", "opencl-scalar")
+def open_device(name: str) -> Device:
+    """Return one of `DEVICES`."""
+    backend = open_backend(name)
+    if isinstance(backend, OpenGLBackend):
+        return OpenGLDevice(backend)
+    if isinstance(backend, VulkanBackend):
+        return VulkanDevice(backend)
+    assert isinstance(backend, OpenCLBackend)
+    return OpenCLDevice(backend)
+
+
+DEVICES = ("opencl", "opencl-scalar", "opengl", "vulkan")

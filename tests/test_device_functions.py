@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 import tolerances
-from device import DEVICES, LANES, Device, OpenCLDevice, Outputs, open_backend
+from device import DEVICES, LANES, Device, Outputs, open_device
 from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
@@ -57,7 +57,7 @@ def holds(function: str, wrong: Edit) -> Callable[[Law], Law]:
 
 @pytest.fixture(scope="module", params=DEVICES)
 def device(request: pytest.FixtureRequest) -> Device:
-    return OpenCLDevice(open_backend(request.param))
+    return open_device(request.param)
 
 
 # ------------------------------------------------------------------------------------------ inputs
@@ -987,8 +987,9 @@ def test_normal_numbers_are_the_coordinates_of_box_and_mullers_point(device: Dev
     first, second = stacked(device.call(SENSOR, code, inputs, ("n.first", "n.second")))
     u, v = ((w >> np.uint32(9)).astype(float) / 2**23 + 2.0**-24 for w in words)
     point = np.sqrt(-2 * np.log(u)) * np.exp(2j * np.pi * v)
-    close(first, point.real, tolerances.NORMAL)
-    close(second, point.imag, tolerances.NORMAL)
+    slack = tolerances.NORMAL + tolerances.LOG_NEAR_ONE / (np.abs(point) + 1e-4)
+    close(first, point.real, slack)
+    close(second, point.imag, slack)
 
 
 @holds("poisson_number", wrong=("uniform_ > sum && term", "term"))
@@ -1113,7 +1114,7 @@ def test_images_are_shifted_by_equal_steps(device: Device) -> None:
     design = designs(d, noise=False)
     k = np.broadcast_to(np.arange(d.groups, dtype=float)[:, None], (d.groups, LANES))
     inputs = {**shared(k=k[:, :1]), **design}
-    code = DESIGN + "float shift = shift_of(d, UINT(k)); REAL s = shift;"
+    code = DESIGN + "int n = 0; while (FLOAT(n) < k) { n++; } REAL s = shift_of(d, n);"
     (got,) = device.call(IMAGE, code, inputs, ("s",))
     close(got, k * design["float4 sequence"][:, 1:2], rtol=tolerances.FLOAT_ROUNDING)
 
@@ -1187,6 +1188,6 @@ def test_every_device_function_has_a_law_here() -> None:
 @pytest.mark.parametrize("function", sorted(LAWS))
 def test_a_law_fails_where_its_function_is_wrong(function: str) -> None:
     law, wrong = LAWS[function]
-    device = OpenCLDevice(open_backend("opencl"))
+    device = open_device("opencl")
     with pytest.raises(AssertionError, match=r"tolerance|assert|Arrays"):
         law(replace(device, edits=(wrong,)))

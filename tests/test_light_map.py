@@ -9,7 +9,7 @@ import pytest
 from scenes import check_station
 from tolerances import CREASE_FLIPS, DEVICE_DN, FOOTPRINT_SHARE, IMAGE_DN, LIGHT_MM, LOST_FLIPS
 
-from gpuspec.opencl import OpenCLBackend
+from gpuspec.backends import Backend
 from gpuspec.reference import NumpyBackend
 from gpuspec.station import Station
 
@@ -57,9 +57,9 @@ def scene(name: str) -> Station:
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_a_device_agrees_with_the_float64_reference(opencl: OpenCLBackend, name: str):
+def test_a_device_agrees_with_the_float64_reference(device_backend: Backend, name: str):
     station = scene(name)
-    device, reference = opencl.trace(station), NumpyBackend().trace(station)
+    device, reference = device_backend.trace(station), NumpyBackend().trace(station)
     got, want = device.read(), reference.read()
     # Where float rounding flips a pixel between seen and lost it is counted, not averaged.
     same = got.lost == want.lost

@@ -12,15 +12,16 @@ from typing import Any
 import numpy as np
 import pytest
 import tolerances
-from device import DEVICES, LANES, Device, OpenCLDevice, open_backend
+from device import DEVICES, LANES, Device, open_backend, open_device
 from numpy.typing import NDArray
 from scipy.stats import chi2, kstest, norm, poisson
 
 from gpuspec import reference
 from gpuspec.backends import Backend, LightMap
-from gpuspec.opencl import OpenCLBackend
+from gpuspec.opengl import OpenGLBackend
 from gpuspec.reference import NumpyBackend
 from gpuspec.station import Station
+from gpuspec.tiles import TiledLightMap
 
 Words = NDArray[np.uint32]
 Array = NDArray[np.float64]
@@ -32,12 +33,7 @@ AXES = ("column", "row", "image", "seed")
 
 @pytest.fixture(scope="module", params=DEVICES)
 def device(request: pytest.FixtureRequest) -> Device:
-    return OpenCLDevice(open_backend(request.param))
-
-
-@pytest.fixture(scope="module")
-def backend() -> OpenCLBackend:
-    return OpenCLBackend()
+    return open_device(request.param)
 
 
 def counters(**axes: Any) -> dict[str, Words]:
@@ -423,17 +419,30 @@ def everything(light: LightMap, station: Station) -> dict[str, NDArray[Any]]:
 
 @pytest.mark.parametrize("subsampling", [1, 2])
 @pytest.mark.parametrize("noise", [True, False])
-def test_tiles_change_no_bit(subsampling: int, noise: bool, backend: OpenCLBackend) -> None:
+def test_tiles_change_no_bit(subsampling: int, noise: bool, device_backend: Backend) -> None:
     station = striped(camera__subsampling=subsampling, sensor__noise=noise)
-    light = backend.trace(station)
+    light = device_backend.trace(station)
+    assert isinstance(light, TiledLightMap)
     assert light.tiles == 1
     whole = everything(light, station)
     assert len(np.unique(whole["lost"])) > 2
     for memory in (1, 30_000):
-        tiled = OpenCLBackend(memory_bytes=memory).trace(station)
+        short: Any = type(device_backend)
+        tiled = short(memory_bytes=memory).trace(station)
         assert tiled.tiles == station.shape[0] if memory == 1 else 1 < tiled.tiles < 40
         for name, array in everything(tiled, station).items():
             np.testing.assert_array_equal(array, whole[name], err_msg=name)
+
+
+@pytest.mark.parametrize("subsampling", [1, 2])
+def test_rows_wider_than_a_texture_wrap_and_change_no_bit(subsampling: int) -> None:
+    station = striped(camera__subsampling=subsampling)
+    whole = everything(OpenGLBackend().trace(station), station)
+    for columns in (67, 34, 10):
+        for memory in (None, 30_000):
+            backend = OpenGLBackend(texture_columns=columns, memory_bytes=memory)
+            for name, array in everything(backend.trace(station), station).items():
+                np.testing.assert_array_equal(array, whole[name], err_msg=name)
 
 
 def flips(first: NDArray[Any], second: NDArray[Any]) -> tuple[float, float]:
@@ -459,9 +468,9 @@ def test_backends_make_the_same_noise_but_for_rare_flips_of_one_grey_level(
         assert largest <= 1
 
 
-def test_backends_agree_on_a_noisy_striped_part(backend: OpenCLBackend) -> None:
+def test_backends_agree_on_a_noisy_striped_part(device_backend: Backend) -> None:
     station = striped()
-    a, b = backend.trace(station), NumpyBackend().trace(station)
+    a, b = device_backend.trace(station), NumpyBackend().trace(station)
     for k in (0, 5, 10):
         share, largest = flips(a.image(k), b.image(k))
         assert share <= tolerances.STRIPED_FLIPS

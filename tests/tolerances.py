@@ -77,6 +77,10 @@ saturation cuts off leaves its rounding (gain 100: 2e-5 of full scale, 1 DN in 1
 NORMAL = 6e-6
 """Normal numbers: the angle 2 pi u is known to 2.4e-7, times a radius to 5.8; measured 1.4e-6."""
 
+LOG_NEAR_ONE = 2.0**-21
+"""Absolute: GLSL 4.60, 4.7.1, lets log2 be so far off from 0.5 to 2. A normal number r near 0 then
+errs by it / r; a quarter of that measured on llvmpipe, 1.1e-4 at r = 3.5e-4."""
+
 POISSON_STEP = 1e-6
 """Probability: a float sum of the distribution function may pass a uniform number so much too early
 or late; 44 roundings of a sum below 1, measured 2.4e-7 over all 2^23."""

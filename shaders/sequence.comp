@@ -1,0 +1,32 @@
+/* One image (IMAGE), the mean of all (MEAN) or every fusion (FUSE), image by image. */
+#include "portable.h"
+#include "station.h"
+#include "stripes.h"
+#include "sensor.h"
+#include "image.h"
+#include "tile.glsl"
+#include "scan.glsl"
+
+void main() {
+    uint column = gl_GlobalInvocationID.x;
+    uint row = gl_GlobalInvocationID.y + uint(size.z);
+    if (column >= uint(size.x)) {
+        return;
+    }
+    place_pixel();
+#ifdef IMAGE
+    float signal = signal_at(seen_by(RAY(0)), more.x);
+    grey[at] = grey_level(signal, d, more.x, column, row, fixed_pattern(d, column, row));
+#endif
+#ifdef MEAN
+    grey[at] = mean_of_images(column, row);
+#endif
+#ifdef FUSE
+    Fused f = fuse_images(column, row);
+    grey[at] = f.mean;
+    grey[at + plane] = f.high;
+    grey[at + 2 * plane] = f.low;
+    grey[at + 3 * plane] = f.deviation;
+    grey[at + 4 * plane] = f.difference;
+#endif
+}

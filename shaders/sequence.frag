@@ -1,0 +1,40 @@
+/* One fragment per pixel: IMAGE number k, the MEAN of all images, or FUSE, a target for each
+   fusion. */
+#include "portable.h"
+#include "station.h"
+#include "stripes.h"
+#include "sensor.h"
+#include "image.h"
+#include "rays.glsl"
+#include "scan.glsl"
+
+#ifdef FUSE
+layout(location = 0) out float mean;
+layout(location = 1) out float high;
+layout(location = 2) out float low;
+layout(location = 3) out float deviation;
+layout(location = 4) out float difference;
+#else
+out float grey;
+#endif
+#ifdef IMAGE
+uniform int k;
+#endif
+
+void main() {
+    d = design();
+    uvec2 pixel = uvec2(pixel_of(texel(), textureSize(rays, 0).x));
+#if defined(FUSE)
+    Fused f = fuse_images(pixel.x, pixel.y);
+    mean = f.mean;
+    high = f.high;
+    low = f.low;
+    deviation = f.deviation;
+    difference = f.difference;
+#elif defined(MEAN)
+    grey = mean_of_images(pixel.x, pixel.y);
+#else
+    Normals pattern = fixed_pattern(d, pixel.x, pixel.y);
+    grey = grey_level(signal_at(seen_by(RAY(0)), k), d, k, pixel.x, pixel.y, pattern);
+#endif
+}

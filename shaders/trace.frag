@@ -1,0 +1,53 @@
+/* One fragment per sub-ray: the light map of a tile. A GPU skips what a part has not, llvmpipe
+   works it out and masks it: so GROOVES, MAPS and NEWTON_STEPS 0 tell the compiler. */
+#include "portable.h"
+#include "station.h"
+#include "surface.h"
+#include "reflection.h"
+#include "texels.glsl"
+
+layout(std140) uniform Block {
+    Geometry g;
+};
+#ifdef MAPS
+uniform int map_count;
+#else
+const int map_count = 0;
+#endif
+uniform int width; /* of the tile's texture */
+
+/* Lists lie in textures row by row, LIST_WIDTH (a power of two) entries each. */
+uniform sampler2D grooves;
+uniform isampler2D block_first;
+uniform isampler2D pieces;
+uniform sampler2D maps;
+uniform sampler2D coefficients;
+#define ENTRY(list, i) texelFetch(list, ivec2((i) % LIST_WIDTH, (i) / LIST_WIDTH), 0)
+
+Groove groove_at(int i) {
+    return Groove(ENTRY(grooves, 3 * i), ENTRY(grooves, 3 * i + 1), ENTRY(grooves, 3 * i + 2));
+}
+
+Map map_record(int i) {
+    return Map(ENTRY(maps, 3 * i), ENTRY(maps, 3 * i + 1), ENTRY(maps, 3 * i + 2));
+}
+
+#define GROOVE(i) groove_at(i)
+#ifdef GROOVES
+#define BLOCK_FIRST(b) ENTRY(block_first, b).x
+#else
+#define BLOCK_FIRST(b) 0
+#endif
+#define PIECE(i) ENTRY(pieces, i).x
+#define MAP(i) map_record(i)
+#define COEFFICIENT(i) ENTRY(coefficients, i).x
+#include "relief.glsl"
+
+out vec4 entry;
+
+void main() {
+    ivec2 at = texel();
+    ivec2 pixel = pixel_of(at, width);
+    Sight v = sub_ray(pixel.x, pixel.y, at.y / (rows * WRAPS));
+    entry = vec4(v.light, v.footprint, v.irradiance, v.lost);
+}
