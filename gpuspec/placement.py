@@ -33,8 +33,8 @@ _FEW = 100  # so few may be large beside the part and cover more
 def place(station: Station) -> tuple[Defect, ...]:
     """Return the explicit defects and those of every population.
 
-    Zones of a population stay wholly on the part and clear of every other dent, bump and scratch, so that each
-    defect can be counted; candidates that touch are drawn again.
+    Zones of a population stay wholly on the part and clear of every other dent, bump and scratch,
+    so that each defect can be counted; candidates that touch are drawn again.
 
     Raises
     ------

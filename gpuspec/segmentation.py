@@ -64,7 +64,8 @@ def automatic_threshold(
     valid pixels. Seven sigmas, so that not one of millions of flawless pixels passes; one image,
     because a flawless pixel may be luminous in one image more than its neighbour (plus a tenth of
     it, for such pixels sit exactly on the bound and that image has noise); 2 % of full scale, as a
-    floor under perfectly even backgrounds. It is rounded up to a step of ``GRID``. Defects are taken to cover less than half of the part.
+    floor under perfectly even backgrounds. It is rounded up to a step of ``GRID``. Defects are
+    taken to cover less than half of the part.
 
     Parameters
     ----------
