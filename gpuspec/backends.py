@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.errors import BackendError
+from gpuspec.patterns import Pattern
 from gpuspec.relief import Relief
 from gpuspec.station import Station
 
@@ -69,6 +70,25 @@ class LightMap(ABC):
     """
 
     station: Station
+    pattern: Pattern | None = None
+
+    def with_pattern(self, pattern: Pattern) -> LightMap:
+        """Return the light map lit by a user's pattern in place of the stripes.
+
+        Raises
+        ------
+        BackendError
+            If the backend does not run patterns.
+        PatternError
+            If the pattern does not compile.
+        """
+        raise BackendError(
+            f"{pattern.file} is a shader: it runs on --backend opengl or vulkan, not on this one."
+        )
+
+    def faulty(self) -> float:
+        """Return the share of a pattern's samples that are NaN or outside [0, 1]."""
+        return 0.0
 
     @abstractmethod
     def read(self) -> LightMapArrays:
@@ -103,7 +123,9 @@ class LightMap(ABC):
         station = station or self.station
         if station.sequence.fusion != "mean":
             return self.fuse(station)[station.sequence.fusion]
-        return self.closed_form(station) if has_closed_form(station) else self.mean(station)
+        if self.pattern is None and has_closed_form(station):
+            return self.closed_form(station)
+        return self.mean(station)
 
 
 class Backend(ABC):
@@ -135,7 +157,9 @@ def has_closed_form(station: Station) -> bool:
     )
 
 
-def open_backend(name: str = "auto", device: str | None = None) -> Backend:
+def open_backend(
+    name: str = "auto", device: str | None = None, among: tuple[str, ...] = BACKENDS
+) -> Backend:
     """Open a backend; one asked for by name is never swapped.
 
     Parameters
@@ -144,6 +168,8 @@ def open_backend(name: str = "auto", device: str | None = None) -> Backend:
         One of ``BACKENDS``, or "auto": the first of them that opens.
     device : str, optional
         Part of the device's name, or its number in `gpuspec devices`.
+    among : tuple of str
+        What "auto" tries, in order.
 
     Returns
     -------
@@ -157,7 +183,7 @@ def open_backend(name: str = "auto", device: str | None = None) -> Backend:
     if name != "auto":
         return _open(name, device)
     reasons = []
-    for candidate in BACKENDS:
+    for candidate in among:
         try:
             return _open(candidate, device)
         except BackendError as error:
@@ -199,7 +225,7 @@ class Found:
 def survey() -> list[Found]:
     """Return every device of every backend, what `auto` takes, and why backends are absent."""
     found: list[Found] = []
-    chosen = False
+    chosen = ""
     for name in BACKENDS:
         try:
             infos = _devices(name)
@@ -207,8 +233,9 @@ def survey() -> list[Found]:
             found.append(Found(name, None, 0, f"absent: {error}"))
             continue
         for number, info in enumerate(infos):
-            found.append(Found(name, info, number, "" if chosen else "chosen by auto"))
-            chosen = True
+            remark = f"auto takes {chosen} first" if chosen else "chosen by auto"
+            found.append(Found(name, info, number, remark))
+            chosen = chosen or name
     return found
 
 

@@ -78,6 +78,65 @@ def demo(
 
 
 @app.command()
+def prototype(
+    station: Annotated[Path, typer.Argument(help="Station file (TOML).")],
+    pattern: Annotated[
+        str, typer.Option("--pattern", help="GLSL file, or the name of a shipped pattern.")
+    ],
+    output: OutputOption = Path("prototype"),
+    backend: Annotated[
+        str, typer.Option("--backend", help="opengl or vulkan; auto takes the first that opens.")
+    ] = "auto",
+    device: DeviceOption = None,
+    frames: Annotated[
+        str, typer.Option("--frames", help="Write the sequence: a .gif, or a folder for PNGs.")
+    ] = "",
+    watching: Annotated[bool, typer.Option("--watch", help="Render again on each save.")] = False,
+    limit: Annotated[
+        float, typer.Option("--limit", help="Longest a pattern may run, in seconds.", min=0.1)
+    ] = 20.0,
+    change: SetOption = None,
+) -> None:
+    """Try a light of your own: its images, aspect image, segmentation and score at once."""
+    from gpuspec.patterns import Pattern
+    from gpuspec.prototype import bench, watch
+    from gpuspec.report import output_folder
+    from gpuspec.station import Station
+
+    described = _changed(Station.read(station), change)
+
+    def render() -> None:
+        light = Pattern.read(pattern)
+        with output_folder(output) as partial:
+            rendered = made.render(light, partial, glance=watching, frames=frames)
+        score = rendered.summary["score"]
+        p2 = "undefined" if score["p2"] is None else f"{score['p2']:.3f}"
+        print(
+            f"{light.file}: P1 {score['p1']:.3f}, P2 {p2}, {score['defects_hit']} of "
+            f"{score['defects']} defects hit, {score['false_blobs']} false blobs; "
+            f"{rendered.seconds:.2f} s, results in {output}"
+        )
+        if rendered.faulty:
+            print(
+                f"note: {light.file} gave NaN or values outside [0, 1] in {rendered.faulty:.1%} of "
+                f"the samples; they count as 0 and as the nearer bound."
+            )
+
+    def render_again() -> None:
+        try:
+            render()
+        except GpuspecError as error:
+            print(f"error: {error}\nthe last good picture stays.", file=sys.stderr)
+
+    with bench(described, backend, device, limit) as made:
+        if watching:
+            print(f"watching {pattern}; Ctrl-C ends.", file=sys.stderr)
+            watch(Path(pattern), render_again)
+        else:
+            render()
+
+
+@app.command()
 def init(
     path: Annotated[Path, typer.Argument(help="Station file to write, e.g. my_station.toml.")],
     name: Annotated[str, typer.Option("--example", help="Which example to start from.")] = "trim",

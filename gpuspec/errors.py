@@ -21,3 +21,7 @@ class BackendError(GpuspecError):
 
 class OutputError(GpuspecError):
     """Results cannot be written where they were asked for."""
+
+
+class PatternError(GpuspecError):
+    """A user's pattern cannot be read, does not compile, or runs for ever."""

@@ -298,6 +298,12 @@ def station_picture(result: Result) -> Figure:
     return station_drawing(result.station, side, front)
 
 
+def write_image(result: Result, k: int, path: Path) -> None:
+    """Write image k as an 8-bit PNG, full scale white."""
+    grey = result.light_map.image(k) * (255 / result.station.sensor.full_scale_dn)
+    Pillow.fromarray(np.rint(grey).astype(np.uint8)).save(path, compress_level=3)
+
+
 def png(figure: Figure) -> bytes:
     """Return a figure as a PNG file's bytes."""
     file = io.BytesIO()

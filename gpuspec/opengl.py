@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 from gpuspec.backends import FUSIONS, Backend, DeviceInfo, Image
 from gpuspec.errors import BackendError
 from gpuspec.parameters import design_block, geometry_block
+from gpuspec.patterns import Pattern
 from gpuspec.relief import Relief, blocks, groove_records
 from gpuspec.sources import named_files, numbered_lines, shader_source
 from gpuspec.station import Station
-from gpuspec.tiles import TiledLightMap
+from gpuspec.tiles import ShaderLightMap
 from gpuspec.topography import coefficients, map_records
 
 INSTALL = (
@@ -118,7 +119,7 @@ class OpenGLBackend(Backend):
         limits = self.context.info
         self.texture_size = min(limits["GL_MAX_TEXTURE_SIZE"], *limits["GL_MAX_VIEWPORT_DIMS"])
         self.texture_columns = min(texture_columns or self.texture_size, self.texture_size)
-        self._programs: dict[tuple[str, tuple[str, ...]], tuple[Any, Any]] = {}
+        self._programs: dict[tuple[str, tuple[str, ...], Pattern | None], tuple[Any, Any]] = {}
         with self.failures():
             try:
                 self.context.framebuffer([self.target((1, 1), 4)])
@@ -128,7 +129,7 @@ class OpenGLBackend(Backend):
                     f"install {INSTALL}."
                 ) from None
 
-    def program(self, file: str, *defines: str) -> tuple[Any, Any]:
+    def program(self, file: str, *defines: str, pattern: Pattern | None = None) -> tuple[Any, Any]:
         """Return a program of a fragment shader of `shaders/` and its vertex array.
 
         Raises
@@ -136,9 +137,10 @@ class OpenGLBackend(Backend):
         BackendError
             If it does not build, with the compiler's log, file and line kept.
         """
-        key = file, defines
+        key = file, defines, pattern
         if key not in self._programs:
-            self._programs[key] = self.build(*shader_source(file, 330, defines))
+            given = (pattern.file, pattern.text) if pattern else None
+            self._programs[key] = self.build(*shader_source(file, 330, defines, pattern=given))
         return self._programs[key]
 
     def build(self, text: str, names: tuple[str, ...]) -> tuple[Any, Any]:
@@ -277,10 +279,11 @@ _SHADERS = {
     "fuse": ("sequence.frag", "FUSE"),
     "closed_form": ("aspect.frag",),
     "lost": ("aspect.frag", "LOST"),
+    "faulty": ("sequence.frag", "FAULTY"),
 }
 
 
-class OpenGLLightMap(TiledLightMap[_Tile]):
+class OpenGLLightMap(ShaderLightMap[_Tile]):
     """A light map in float textures; rows wider than a texture wrap (`shaders/texels.glsl`)."""
 
     def __init__(self, backend: OpenGLBackend, station: Station, relief: Relief) -> None:
@@ -322,7 +325,8 @@ class OpenGLLightMap(TiledLightMap[_Tile]):
         b = self._backend
         b.context.gc()
         tile = _Tile(first_row, rows, b.target(self._size(rows, self._sub_rays), 4))
-        program = b.program("trace.frag", *self._defines(), *self._tracer)
+        across = ("ACROSS",) * (self.pattern is not None)
+        program = b.program("trace.frag", *self._defines(), *self._tracer, *across)
         b.draw(
             program, [tile.rays], self._geometry, self._lists,
             **self._place(tile), width=self._width, map_count=self._map_count,
@@ -355,11 +359,23 @@ class OpenGLLightMap(TiledLightMap[_Tile]):
 
     def draw(self, tile: _Tile, what: str, station: Station, k: int, targets: list[Any]) -> None:
         """Start a shader on a tile; its planes go to the targets."""
-        b = self._backend
-        noise = ("NOISE",) * station.sensor.noise
-        program = b.program(*_SHADERS[what], *self._defines(), *noise)
         block = design_block(station)
-        b.draw(program, targets, block, {"rays": tile.rays}, **self._place(tile), k=k)
+        if self.pattern:
+            block = np.concatenate([block, self._geometry])
+        program = self._program(what, station)
+        place = self._place(tile)
+        self._backend.draw(program, targets, block, {"rays": tile.rays}, **place, k=k)
+
+    def build(self, what: str) -> None:
+        """See :meth:`ShaderLightMap.build`."""
+        with self.failures():
+            self._program(what, self.station)
+
+    def _program(self, what: str, station: Station) -> tuple[Any, Any]:
+        noise = ("NOISE",) * station.sensor.noise
+        light = self.pattern.defines if self.pattern else ()
+        defines = (*_SHADERS[what][1:], *self._defines(), *noise, *light)
+        return self._backend.program(_SHADERS[what][0], *defines, pattern=self.pattern)
 
     def _defines(self) -> tuple[str, ...]:
         """What the compiler must know to leave loops and divisions out."""

@@ -33,11 +33,12 @@ _PREFIX = f".gpuspec-{platform.node() or 'local'}-"
 
 
 @contextmanager
-def output_folder(folder: Path) -> Iterator[Path]:
+def output_folder(folder: Path, replaces: tuple[str, ...] = FILES) -> Iterator[Path]:
     """Give a hidden folder to write in; on success its files move to `folder`, else it vanishes.
 
-    Files of an earlier run that this one did not write are removed with the move, so that a folder
-    never mixes two runs. What a killed run left hidden is removed by the next one beside it.
+    Files of an earlier run (`replaces`) that this one did not write are removed with the move, so
+    that a folder never mixes two runs. What a killed run left hidden is removed by the next one
+    beside it.
 
     Raises
     ------
@@ -52,7 +53,7 @@ def output_folder(folder: Path) -> Iterator[Path]:
         )
         if not above.is_dir():
             raise OutputError(f"{above} is a file; choose another folder with -o.")
-        for name in FILES:
+        for name in replaces:
             if (folder / name).is_dir():
                 raise OutputError(f"{folder / name} is a folder; choose another folder with -o.")
         _remove_left_behind(above)
@@ -62,11 +63,11 @@ def output_folder(folder: Path) -> Iterator[Path]:
         folder.mkdir(parents=True, exist_ok=True)
         written = {path.name for path in partial.iterdir()}
         try:
-            _move(partial, folder, written)
+            _move(partial, folder, set(replaces) - written)
         except OSError:
             raise
         except BaseException:  # Ctrl-C: the whole run is there, so finish what takes no time
-            _move(partial, folder, written)
+            _move(partial, folder, set(replaces) - written)
             raise
     except OSError as error:
         # NumPy reports a short write without its reason.
@@ -80,10 +81,10 @@ def output_folder(folder: Path) -> Iterator[Path]:
             shutil.rmtree(partial, ignore_errors=True)
 
 
-def _move(partial: Path, folder: Path, written: set[str]) -> None:
+def _move(partial: Path, folder: Path, stale: set[str]) -> None:
     for path in sorted(partial.iterdir()):
         path.replace(folder / path.name)
-    for name in set(FILES).difference(written):
+    for name in stale:
         (folder / name).unlink(missing_ok=True)
 
 
@@ -132,6 +133,15 @@ def write(
     """
     with output_folder(Path(folder)) as partial:
         write_files(result, partial, frames=frames, pictures=pictures, progress=progress)
+
+
+def write_glance(result: Result, folder: Path) -> None:
+    """Write what one looks at while trying things: score, aspect image and detection."""
+    from gpuspec import figures
+
+    (folder / "score.json").write_text(json.dumps(summary(result), indent=2) + "\n", "utf-8")
+    for name in ("aspect.png", "detection.png"):
+        figures.PICTURES[name](result, folder / name)
 
 
 def write_files(

@@ -34,15 +34,24 @@ def resolved(text: str, name: str) -> str:
 
 @cache
 def shader_source(
-    name: str, version: int, defines: tuple[str, ...] = (), lines: bool = True
+    name: str,
+    version: int,
+    defines: tuple[str, ...] = (),
+    lines: bool = True,
+    pattern: tuple[str, str] | None = None,
 ) -> tuple[str, tuple[str, ...]]:
     """Return a GLSL file of `shaders/`, ready to compile; see :func:`resolved_shader`."""
     text = (folder("shaders") / name).read_text(encoding="utf-8")
-    return resolved_shader(text, f"shaders/{name}", version, defines, lines)
+    return resolved_shader(text, f"shaders/{name}", version, defines, lines, pattern)
 
 
 def resolved_shader(
-    text: str, name: str, version: int, defines: tuple[str, ...] = (), lines: bool = True
+    text: str,
+    name: str,
+    version: int,
+    defines: tuple[str, ...] = (),
+    lines: bool = True,
+    pattern: tuple[str, str] | None = None,
 ) -> tuple[str, tuple[str, ...]]:
     """Return GLSL text with every include of `shaders/` and `kernels/` in place, once each.
 
@@ -58,6 +67,8 @@ def resolved_shader(
         Words to define, e.g. ``"NOISE"`` or ``"SUB_RAYS 4"``.
     lines : bool
         Whether ``#line`` directives keep file and line. GLSL numbers its files.
+    pattern : tuple of str, optional
+        File name and text of a user's own, in place of ``#include "pattern.glsl"``.
 
     Returns
     -------
@@ -66,7 +77,7 @@ def resolved_shader(
         The files by their number; `named_files` puts them into a compiler's messages.
     """
     names: dict[str, int] = {}
-    body = _resolved(text, name, names, "#line {line} {number}" if lines else "")
+    body = _resolved(text, name, names, "#line {line} {number}" if lines else "", pattern)
     head = [f"#version {version}", *(f"#define {word}" for word in ("GPUSPEC_GLSL", *defines))]
     return "\n".join([*head, *body, ""]), tuple(names)
 
@@ -89,7 +100,13 @@ def named_files(log: str, names: tuple[str, ...]) -> str:
     return _PLACE.sub(name, log)
 
 
-def _resolved(text: str, name: str, seen: dict[str, int], directive: str) -> list[str]:
+def _resolved(
+    text: str,
+    name: str,
+    seen: dict[str, int],
+    directive: str,
+    pattern: tuple[str, str] | None = None,
+) -> list[str]:
     """Text line by line; `seen` numbers the files, `directive` says where a line is from."""
     number = seen.setdefault(name, len(seen))
 
@@ -104,9 +121,13 @@ def _resolved(text: str, name: str, seen: dict[str, int], directive: str) -> lis
             continue
         where = "shaders" if include[1].endswith(".glsl") else "kernels"
         included = f"{where}/{include[1]}"
-        if included not in seen:
+        if include[1] == "pattern.glsl":
+            if pattern is not None:
+                lines += _resolved(pattern[1], pattern[0], seen, directive)
+                lines += here(at + 1)
+        elif included not in seen:
             header = (folder(where) / include[1]).read_text(encoding="utf-8")
-            lines += _resolved(header, included, seen, directive)
+            lines += _resolved(header, included, seen, directive, pattern)
             lines += here(at + 1)
         else:
             lines.append("")

@@ -5,12 +5,15 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, nullcontext
+from copy import copy
 from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.backends import FUSIONS, Image, LightMap, LightMapArrays
+from gpuspec.errors import BackendError, PatternError
+from gpuspec.patterns import Pattern
 from gpuspec.station import Station
 
 Tile = TypeVar("Tile")
@@ -53,7 +56,8 @@ class TiledLightMap(LightMap, Generic[Tile]):
     def run_tile(self, tile: Tile, what: str, station: Station, k: int, out: Image) -> None:
         """Make `what` of a tile and bring it home into out (planes, rows, N).
 
-        `what` is "image" (number k), "mean", "fuse" (a plane each of ``FUSIONS``) or "closed_form".
+        `what` is "image" (number k), "mean", "fuse" (a plane each of ``FUSIONS``), "closed_form"
+        or, of a pattern, "faulty" (share of samples that are none).
         """
 
     def failures(self) -> AbstractContextManager[None]:
@@ -117,3 +121,35 @@ class TiledLightMap(LightMap, Generic[Tile]):
     def closed_form(self, station: Station | None = None) -> Image:
         """See :meth:`LightMap.closed_form`."""
         return self._made("closed_form", station)[0]
+
+
+class ShaderLightMap(TiledLightMap[Tile]):
+    """A light map whose light can be a user's pattern, for backends that speak GLSL.
+
+    With a pattern, tiles hold the light point's other coordinate in place of the reason of loss.
+    """
+
+    @abstractmethod
+    def build(self, what: str) -> None:
+        """Compile the shader that makes `what`."""
+
+    def with_pattern(self, pattern: Pattern) -> ShaderLightMap[Tile]:
+        """See :meth:`LightMap.with_pattern`."""
+        lit = copy(self)
+        lit.pattern = pattern
+        try:
+            lit.build("mean")
+        except BackendError as error:
+            lines = str(error).splitlines()[1:] or [str(error)]
+            own = [line for line in lines if line.startswith(f"{pattern.file}:")]
+            raise PatternError(
+                "\n".join([f"{pattern.file} does not compile:", *(own or lines)])
+            ) from None
+        if self.pattern is None and self._kept:
+            with self.failures():
+                lit._kept = [lit.trace_tile(0, self.station.shape[0])]
+        return lit
+
+    def faulty(self) -> float:
+        """See :meth:`LightMap.faulty`."""
+        return float(self._made("faulty", None)[0].mean())

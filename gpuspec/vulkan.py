@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 from gpuspec.backends import FUSIONS, Backend, DeviceInfo, Image
 from gpuspec.errors import BackendError
 from gpuspec.parameters import design_block, geometry_block
+from gpuspec.patterns import Pattern
 from gpuspec.relief import Relief, blocks, groove_records
 from gpuspec.sources import shader_source
 from gpuspec.station import Station
-from gpuspec.tiles import TiledLightMap
+from gpuspec.tiles import ShaderLightMap
 from gpuspec.topography import coefficients, map_records
 
 INSTALL_WGPU = 'pip install "gpuspec[vulkan]"'
@@ -37,6 +38,7 @@ _KINDS = ("DiscreteGPU", "IntegratedGPU", "CPU")
 _GLSL = 450
 _TRACE_BINDINGS = ("uniform",) * 2 + ("read-only-storage",) * 5 + ("storage",) * 4
 _IMAGE_BINDINGS = ("uniform",) * 2 + ("read-only-storage",) * 3 + ("storage",)
+_PATTERN_BINDINGS = (*_IMAGE_BINDINGS, "read-only-storage")
 
 
 def adapters() -> list[Any]:
@@ -137,10 +139,10 @@ class VulkanBackend(Backend):
                 self.device = adapter.request_device_sync(required_limits=adapter.limits)
         except Exception as error:
             raise BackendError(f"vulkan: {self.info.device} does not open ({error}).") from None
-        self._pipelines: dict[tuple[str, ...], Any] = {}
+        self._pipelines: dict[tuple[str, tuple[str, ...], Pattern | None], Any] = {}
         self._staging: Any = None
 
-    def pipeline(self, file: str, *defines: str) -> Any:
+    def pipeline(self, file: str, *defines: str, pattern: Pattern | None = None) -> Any:
         """Return the pipeline of a shader of `shaders/`, compiled when first asked for.
 
         Raises
@@ -148,10 +150,14 @@ class VulkanBackend(Backend):
         BackendError
             If it does not compile.
         """
-        key = (file, *defines)
+        key = (file, defines, pattern)
         if key not in self._pipelines:
-            layout = _TRACE_BINDINGS if file == "trace.comp" else _IMAGE_BINDINGS
-            self._pipelines[key] = self.program(*shader_source(file, _GLSL, defines), layout)
+            given = (pattern.file, pattern.text) if pattern else None
+            layout: tuple[str, ...] = _PATTERN_BINDINGS if pattern else _IMAGE_BINDINGS
+            if file == "trace.comp":
+                layout = _TRACE_BINDINGS
+            source = shader_source(file, _GLSL, defines, pattern=given)
+            self._pipelines[key] = self.program(*source, layout)
         return self._pipelines[key]
 
     def program(self, source: str, names: tuple[str, ...], bindings: Sequence[str]) -> Any:
@@ -304,10 +310,11 @@ _SHADERS = {
     "mean": ("sequence.comp", "MEAN"),
     "fuse": ("sequence.comp", "FUSE"),
     "closed_form": ("aspect.comp",),
+    "faulty": ("sequence.comp", "FAULTY"),
 }
 
 
-class VulkanLightMap(TiledLightMap[_Tile]):
+class VulkanLightMap(ShaderLightMap[_Tile]):
     """A light map in storage buffers."""
 
     def __init__(self, backend: VulkanBackend, station: Station, relief: Relief) -> None:
@@ -355,9 +362,11 @@ class VulkanLightMap(TiledLightMap[_Tile]):
         b = self._backend
         plane = 4 * rows * self._columns
         light, footprint, irradiance = (b.empty(plane * self._sub_rays) for _ in range(3))
-        tile = _Tile(first_row, rows, light, footprint, irradiance, b.empty(plane))
+        lit = self.pattern is not None
+        last = b.empty(plane * self._sub_rays if lit else plane)
+        tile = _Tile(first_row, rows, light, footprint, irradiance, last)
         b.enqueue(
-            b.pipeline("trace.comp", *self._tracer),
+            b.pipeline("trace.comp", *self._tracer, *("ACROSS",) * lit),
             (
                 self._geometry, self._call(tile, 0), *self._inputs,
                 light, footprint, irradiance, tile.lost,
@@ -389,13 +398,26 @@ class VulkanLightMap(TiledLightMap[_Tile]):
     def enqueue(self, tile: _Tile, what: str, station: Station, k: int, grey: Any) -> None:
         """Start a shader on a tile; its planes go to the buffer `grey`."""
         b = self._backend
-        design = b.constant(design_block(station), uniform=True)
-        defines = ("ONE_RAY",) * (self._sub_rays == 1) + ("NOISE",) * station.sensor.noise
+        block = design_block(station)
+        more: tuple[Any, ...] = ()
+        if self.pattern:
+            block, more = np.concatenate([block, geometry_block(station)]), (tile.lost,)
+        design = b.constant(block, uniform=True)
         b.enqueue(
-            b.pipeline(*_SHADERS[what], *defines),
-            (design, self._call(tile, k), tile.light, tile.footprint, tile.irradiance, grey),
+            self._pipeline(what, station),
+            (design, self._call(tile, k), tile.light, tile.footprint, tile.irradiance, grey, *more),
             self._columns, tile.rows,
         )  # fmt: skip
+
+    def build(self, what: str) -> None:
+        """See :meth:`ShaderLightMap.build`."""
+        self._pipeline(what, self.station)
+
+    def _pipeline(self, what: str, station: Station) -> Any:
+        light = self.pattern.defines if self.pattern else ()
+        one = ("ONE_RAY",) * (self._sub_rays == 1)
+        defines = (*_SHADERS[what][1:], *one, *("NOISE",) * station.sensor.noise, *light)
+        return self._backend.pipeline(_SHADERS[what][0], *defines, pattern=self.pattern)
 
     def _call(self, tile: _Tile, k: int) -> Any:
         """What changes from call to call, as the shaders' uniform block."""

@@ -8,6 +8,11 @@ DEVICE Trapezoid exposed_ray(Design d, REAL light, REAL footprint, REAL irradian
     return exposed(q, irradiance, d.sensor.x / FLOAT(sub_rays), d.stripes.z);
 }
 
+/* Exposure of one of `sub_rays` sub-rays that sees the mean radiance `lit`, 0 to 1. */
+DEVICE REAL exposure_of(Design d, REAL lit, REAL irradiance, int sub_rays) {
+    return d.sensor.x / FLOAT(sub_rays) * irradiance * (d.stripes.z + (1.0f - d.stripes.z) * lit);
+}
+
 /* Shift of the tunnel in image k, in periods. */
 DEVICE float shift_of(Design d, int k) {
     return FLOAT(k) * d.sequence.y;

@@ -146,6 +146,7 @@ DEVICE REAL fresnel_reflectance(REAL cosine, float n, float k) {
 /* What one ray knows of the light: the light map's entry. */
 STRUCT(Sight) {
     REAL light;      /* light coordinate l, mm */
+    REAL across;     /* the light point's other coordinate, L_y, mm */
     REAL footprint;  /* width w of the box on the light, mm */
     REAL irradiance; /* relative: reflectance x vignetting, 0 where lost */
     REAL lost;       /* LOST_... */
@@ -188,8 +189,8 @@ DEVICE Sight sight(Geometry g, Surface s, REAL x0, REAL y0, REAL z) {
     Sight v;
     v.light = point.x + hit.path * ray.x;
     v.footprint = max(sqrt(square + pupil * pupil + rough * rough), FOOTPRINT_MIN);
-    REAL across = point.y + hit.path * ray.y;
-    MASK opening = fabs(v.light) <= g.opening.x && fabs(across) <= g.opening.y
+    v.across = point.y + hit.path * ray.y;
+    MASK opening = fabs(v.light) <= g.opening.x && fabs(v.across) <= g.opening.y
                    && hit.normal.z > 0.0f && g.opening.x > 0.0f;
     REAL lost = (opening ? LOST_OPENING : LOST_NOT);
     lost = (fabs(v.light) > g.tunnel.w ? LOST_END : lost);

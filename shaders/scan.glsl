@@ -3,21 +3,74 @@
    and has `d` (Design), `sub_rays`, and the pixel's column and row in the whole image.
    The plumbing of `kernels/sequence.cl` and `aspect.cl`, in GLSL. */
 
-Trapezoid seen_by(vec3 ray) {
-    return exposed_ray(d, ray.x, ray.y, ray.z, sub_rays);
+/* Images whose exposure is worked out together: each sub-ray's trapezoid is made once for all. */
+#define CHUNK 8
+
+#ifdef PATTERN
+/* A light of the user's own (PICTURE: the whole image of the user's own). RAY4(i) has the other
+   coordinate of the light point in w; `place` is the pixel's (column, row). */
+vec2 place;
+#include "pattern.glsl"
+
+float value_at(vec4 ray, int k) {
+#ifdef PICTURE
+    return picture(place, ray.x, ray.w, ray.y, k);
+#else
+    return pattern(ray.x, ray.w, shift_of(d, k) / d.stripes.y, ray.y);
+#endif
 }
 
-/* Exposure of image k, summed over sub-rays; `first` is the first sub-ray's trapezoid. */
-float signal_at(Trapezoid first, int k) {
-    float signal = at_shift(first, shift_of(d, k));
-    for (int i = 1; i < sub_rays; i++) {
-        signal += at_shift(seen_by(RAY(i)), shift_of(d, k));
+/* Within [0, 1]: NaN is 0, what is beyond a bound is the bound. */
+float bounded(float value) {
+    return value >= 0.0 ? min(value, 1.0) : 0.0;
+}
+
+float signal_of(int k) {
+    float signal = 0.0;
+    for (int i = 0; i < sub_rays; i++) {
+        vec4 ray = RAY4(i);
+        float value = bounded(value_at(ray, k));
+#ifdef PICTURE
+        signal += ray.z > 0.0 ? value / float(sub_rays) : 0.0;
+#else
+        signal += exposure_of(d, value, ray.z, sub_rays);
+#endif
     }
     return signal;
 }
 
-/* Images whose exposure is worked out together: each sub-ray's trapezoid is made once for all. */
-#define CHUNK 8
+void exposures(int begin, out float signal[CHUNK]) {
+    for (int j = 0; j < CHUNK; j++) {
+        signal[j] = signal_of(begin + j);
+    }
+}
+
+/* Share of a pixel's samples, over all images, that are NaN or outside [0, 1]. */
+float faulty_share() {
+    int images = int(d.sequence.x);
+    float count = 0.0;
+    for (int k = 0; k < images; k++) {
+        for (int i = 0; i < sub_rays; i++) {
+            vec4 ray = RAY4(i);
+            float value = value_at(ray, k);
+            count += ray.z > 0.0 && !(value >= 0.0 && value <= 1.0) ? 1.0 : 0.0;
+        }
+    }
+    return count / float(images * sub_rays);
+}
+#else
+Trapezoid seen_by(vec3 ray) {
+    return exposed_ray(d, ray.x, ray.y, ray.z, sub_rays);
+}
+
+/* Exposure of image k, summed over sub-rays. */
+float signal_of(int k) {
+    float signal = 0.0;
+    for (int i = 0; i < sub_rays; i++) {
+        signal += at_shift(seen_by(RAY(i)), shift_of(d, k));
+    }
+    return signal;
+}
 
 /* Exposure of CHUNK images from image `begin` on, summed over sub-rays. */
 void exposures(int begin, out float signal[CHUNK]) {
@@ -31,11 +84,13 @@ void exposures(int begin, out float signal[CHUNK]) {
         }
     }
 }
+#endif
 
 float mean_of_images(uint column, uint row) {
-    Normals pattern = fixed_pattern(d, column, row);
+    Normals fixed_ = fixed_pattern(d, column, row);
     int images = int(d.sequence.x);
     float sum = 0.0;
+#ifndef PATTERN
     if (d.noise.x == 0.0 && sub_rays == 1) {
         Trapezoid only = seen_by(RAY(0));
         for (int k = 0; k < images; k++) {
@@ -43,12 +98,13 @@ float mean_of_images(uint column, uint row) {
         }
         return d.sensor.y * sum / float(images);
     }
+#endif
     for (int begin = 0; begin < images; begin += CHUNK) {
         float signal[CHUNK];
         exposures(begin, signal);
         for (int j = 0; j < CHUNK; j++) {
             if (begin + j < images) {
-                sum += grey_level(signal[j], d, begin + j, column, row, pattern);
+                sum += grey_level(signal[j], d, begin + j, column, row, fixed_);
             }
         }
     }
@@ -64,7 +120,7 @@ struct Fused {
 };
 
 Fused fuse_images(uint column, uint row) {
-    Normals pattern = fixed_pattern(d, column, row);
+    Normals fixed_ = fixed_pattern(d, column, row);
     int images = int(d.sequence.x);
     int lag = int(d.sequence.w);
     int pairs = int(d.noise.w);
@@ -77,7 +133,7 @@ Fused fuse_images(uint column, uint row) {
         for (int j = 0; j < CHUNK; j++) {
             int k = begin + j;
             if (k < images) {
-                float y = grey_level(signal[j], d, k, column, row, pattern);
+                float y = grey_level(signal[j], d, k, column, row, fixed_);
                 float gap = y - f.mean;
                 f.mean += gap / float(k + 1);
                 f.deviation += gap * (y - f.mean);
@@ -85,7 +141,7 @@ Fused fuse_images(uint column, uint row) {
                 f.low = min(f.low, y);
                 if (k < pairs) {
                     int partner = (k + lag) % images;
-                    f.difference += abs(grey_level(later[j], d, partner, column, row, pattern) - y);
+                    f.difference += abs(grey_level(later[j], d, partner, column, row, fixed_) - y);
                 }
             }
         }

@@ -1,4 +1,5 @@
-/* One image (IMAGE), the mean of all (MEAN) or every fusion (FUSE), image by image. */
+/* One image (IMAGE), the mean of all (MEAN) or every fusion (FUSE), image by image; or FAULTY, the
+   share of a pattern's samples that are none. */
 #include "portable.h"
 #include "station.h"
 #include "stripes.h"
@@ -14,9 +15,14 @@ void main() {
         return;
     }
     place_pixel();
+#ifdef PATTERN
+    place = vec2(float(column), float(row));
+#endif
 #ifdef IMAGE
-    float signal = signal_at(seen_by(RAY(0)), more.x);
-    grey[at] = grey_level(signal, d, more.x, column, row, fixed_pattern(d, column, row));
+    grey[at] = grey_level(signal_of(more.x), d, more.x, column, row, fixed_pattern(d, column, row));
+#endif
+#ifdef FAULTY
+    grey[at] = faulty_share();
 #endif
 #ifdef MEAN
     grey[at] = mean_of_images(column, row);

@@ -1,5 +1,5 @@
-/* One fragment per pixel: IMAGE number k, the MEAN of all images, or FUSE, a target for each
-   fusion. */
+/* One fragment per pixel: IMAGE number k, the MEAN of all images, FUSE, a target for each fusion,
+   or FAULTY, the share of a pattern's samples that are none. */
 #include "portable.h"
 #include "station.h"
 #include "stripes.h"
@@ -24,6 +24,10 @@ uniform int k;
 void main() {
     d = design();
     uvec2 pixel = uvec2(pixel_of(texel(), textureSize(rays, 0).x));
+#ifdef PATTERN
+    g = geometry;
+    place = vec2(pixel);
+#endif
 #if defined(FUSE)
     Fused f = fuse_images(pixel.x, pixel.y);
     mean = f.mean;
@@ -33,8 +37,10 @@ void main() {
     difference = f.difference;
 #elif defined(MEAN)
     grey = mean_of_images(pixel.x, pixel.y);
+#elif defined(FAULTY)
+    grey = faulty_share();
 #else
-    Normals pattern = fixed_pattern(d, pixel.x, pixel.y);
-    grey = grey_level(signal_at(seen_by(RAY(0)), k), d, k, pixel.x, pixel.y, pattern);
+    Normals fixed_ = fixed_pattern(d, pixel.x, pixel.y);
+    grey = grey_level(signal_of(k), d, k, pixel.x, pixel.y, fixed_);
 #endif
 }

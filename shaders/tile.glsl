@@ -3,7 +3,12 @@
    the compiler is told, or lavapipe works out every image's noise only to mask it. */
 layout(local_size_x = 128) in;
 
-layout(std140, set = 0, binding = 0) uniform Designs { Design design; };
+layout(std140, set = 0, binding = 0) uniform Designs {
+    Design design;
+#ifdef PATTERN
+    Geometry geometry; /* for the user's pattern, as `g` */
+#endif
+};
 layout(std140, set = 0, binding = 1) uniform Call {
     ivec4 size; /* columns, rows of the tile, its first row, sub-rays */
     ivec4 more; /* number of the image, 0, 0, 0 */
@@ -12,6 +17,11 @@ layout(std430, set = 0, binding = 2) readonly buffer Light { float light[]; };
 layout(std430, set = 0, binding = 3) readonly buffer Footprint { float footprint[]; };
 layout(std430, set = 0, binding = 4) readonly buffer Irradiance { float irradiance[]; };
 layout(std430, set = 0, binding = 5) buffer Grey { float grey[]; };
+#ifdef PATTERN
+layout(std430, set = 0, binding = 6) readonly buffer Across { float across[]; };
+
+Geometry g;
+#endif
 
 Design d;
 #ifdef ONE_RAY
@@ -28,9 +38,13 @@ vec3 ray_at(int i) {
 }
 
 #define RAY(i) ray_at(i)
+#define RAY4(i) vec4(ray_at(i), across[at + (i) * plane])
 
 void place_pixel() {
     d = design;
+#ifdef PATTERN
+    g = geometry;
+#endif
 #ifndef NOISE
     d.noise.x = 0.0;
 #endif

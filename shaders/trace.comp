@@ -20,7 +20,11 @@ layout(std430, set = 0, binding = 6) readonly buffer Coefficients { float coeffi
 layout(std430, set = 0, binding = 7) buffer Light { float light[]; };
 layout(std430, set = 0, binding = 8) buffer Footprint { float footprint[]; };
 layout(std430, set = 0, binding = 9) buffer Irradiance { float irradiance[]; };
+#ifdef ACROSS
+layout(std430, set = 0, binding = 10) buffer Across { float across[]; };
+#else
 layout(std430, set = 0, binding = 10) buffer Lost { uint lost[]; };
+#endif
 
 #define GROOVE(i) grooves[i]
 #ifdef GROOVES
@@ -60,8 +64,13 @@ void main() {
         light[at + i * plane] = v.light;
         footprint[at + i * plane] = v.footprint;
         irradiance[at + i * plane] = v.irradiance;
+#ifdef ACROSS
+        across[at + i * plane] = v.across;
+#endif
         reason = max(reason, v.lost);
         seen = seen || v.lost == LOST_NOT;
     }
+#ifndef ACROSS
     lost[at] = seen ? 0u : uint(reason);
+#endif
 }

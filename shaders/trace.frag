@@ -49,5 +49,9 @@ void main() {
     ivec2 at = texel();
     ivec2 pixel = pixel_of(at, width);
     Sight v = sub_ray(pixel.x, pixel.y, at.y / (rows * WRAPS));
+#ifdef ACROSS
+    entry = vec4(v.light, v.footprint, v.irradiance, v.across);
+#else
     entry = vec4(v.light, v.footprint, v.irradiance, v.lost);
+#endif
 }

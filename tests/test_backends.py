@@ -134,8 +134,10 @@ def test_the_survey_marks_what_auto_takes(opencl):
     found = survey()
     assert [entry.backend for entry in found if entry.info is None] == []
     assert {entry.backend for entry in found} == set(BACKENDS)
-    chosen = [entry for entry in found if "auto" in entry.remark]
+    chosen = [entry for entry in found if entry.remark == "chosen by auto"]
     assert [entry.info for entry in chosen] == [open_backend("auto").info]
+    others = [entry.remark for entry in found if entry not in chosen]
+    assert set(others) == {f"auto takes {chosen[0].backend} first"}
     assert [entry.number for entry in found if entry.backend == "opencl"] == list(
         range(len(opencl_module.devices()))
     )

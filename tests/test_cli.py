@@ -399,8 +399,9 @@ def test_without_an_opencl_platform_it_is_said_what_to_install(folder, no_platfo
 def test_without_an_opencl_platform_auto_goes_on_and_says_so(folder, no_platform):
     ran = program("simulate", "s.toml", "--no-pictures", cwd=folder, env=no_platform)
     assert ran.code == 0
-    assert "numpy on cpu" in ran.out
-    assert json.loads((folder / "run/score.json").read_text("utf-8"))["backend"] == "numpy"
+    taken = json.loads((folder / "run/score.json").read_text("utf-8"))["backend"]
+    assert taken in BACKENDS[1:]
+    assert f"{taken} on " in ran.out
 
 
 def test_devices_shows_why_a_backend_is_absent(folder, no_platform):
@@ -411,7 +412,7 @@ def test_devices_shows_why_a_backend_is_absent(folder, no_platform):
     assert "no OpenCL platform found" in absent
     assert "pip install" in absent
     (chosen,) = [line for line in ran.out.splitlines() if "chosen by auto" in line]
-    assert "numpy" in chosen
+    assert any(name in chosen for name in BACKENDS[1:])
 
 
 def test_a_kernel_that_does_not_build_is_reported_with_file_and_line(gpuspec_, monkeypatch):

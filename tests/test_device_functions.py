@@ -1108,6 +1108,17 @@ def test_sub_rays_share_a_pixel_and_see_the_lit_fraction_of_their_footprint(devi
     close(got, gain * seen / 4 * (leak + (1 - leak) * share), atol=tolerances.EXPOSED_RAY)
 
 
+@holds("exposure_of", wrong=("(1.0f - d.stripes.z) * lit", "lit"))
+def test_a_radiance_of_one_s_own_is_exposed_as_the_stripes_are(device: Device) -> None:
+    d = Draws(45)
+    design = designs(d, noise=False)
+    lit, seen = d.pixel(0, 1), d.pixel(0, 1)
+    code = DESIGN + "REAL e = exposure_of(d, lit, seen, 9);"
+    (got,) = device.call(IMAGE, code, {"REAL lit": lit, "REAL seen": seen, **design}, ("e",))
+    leak, gain = design["float4 stripes"][:, 2:3], design["float4 sensor"][:, :1]
+    close(got, gain * seen / 9 * (leak + (1 - leak) * lit), rtol=3 * tolerances.FLOAT_ROUNDING)
+
+
 @holds("shift_of", wrong=("FLOAT(k) * d.sequence.y", "FLOAT(k) * d.sequence.x"))
 def test_images_are_shifted_by_equal_steps(device: Device) -> None:
     d = Draws(41)

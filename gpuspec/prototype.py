@@ -1,0 +1,210 @@
+"""Prototype a light: a user's pattern, run in a process of its own that may fail or hang."""
+
+from __future__ import annotations
+
+import multiprocessing
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gpuspec.errors import GpuspecError, PatternError
+from gpuspec.patterns import Pattern
+from gpuspec.station import Station
+
+if TYPE_CHECKING:
+    from gpuspec.inspection import Result
+
+POLL_S = 0.05
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """What one run of a pattern gave.
+
+    Attributes
+    ----------
+    summary : dict
+        As in `score.json`.
+    faulty : float
+        Share of samples that were NaN or outside [0, 1]; they count as 0 and as clipped.
+    seconds : float
+        From the pattern's text to the files.
+    """
+
+    summary: dict[str, Any]
+    faulty: float
+    seconds: float
+
+
+class Bench:
+    """A worker process that keeps the traced station and runs patterns on it.
+
+    A pattern that loops for ever, or kills the driver, takes the worker along and nothing else: the
+    next one starts a new worker.
+
+    Parameters
+    ----------
+    station : Station
+    backend, device : str
+        As in :func:`gpuspec.backends.open_backend`.
+    limit_s : float
+        Longest a pattern may run.
+    """
+
+    def __init__(
+        self, station: Station, backend: str, device: str | None = None, limit_s: float = 20.0
+    ) -> None:
+        self._job = (station.as_dict(), station.file, str(station.locate(".")), backend, device)
+        self.limit_s = limit_s
+        self._process: multiprocessing.process.BaseProcess | None = None
+        self._pipe: Connection | None = None
+
+    def render(self, pattern: Pattern, folder: Path, *, glance: bool, frames: str) -> Rendered:
+        """Run a pattern and write its files into an existing folder.
+
+        Parameters
+        ----------
+        pattern : Pattern
+        folder : Path
+        glance : bool
+            Score, aspect image and detection alone, in well under a second; else every file.
+        frames : str
+            A ``.gif`` to write the sequence to, or a folder for its images as PNG; "": neither.
+
+        Raises
+        ------
+        PatternError
+            If it does not compile, or runs longer than the limit.
+        GpuspecError
+            If the station or the backend cannot be used.
+        """
+        pipe = self._worker()
+        pipe.send((pattern, str(folder), glance, frames))
+        answer = self._answer(pipe, f"{pattern.file} ran for more than {self.limit_s:g} s and was "
+                                    f"stopped; does it loop for ever?")  # fmt: skip
+        if isinstance(answer, Rendered):
+            return answer
+        raise answer
+
+    def close(self) -> None:
+        """End the worker."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.join()
+        self._process = self._pipe = None
+
+    def _worker(self) -> Connection:
+        if self._process is not None and self._process.is_alive() and self._pipe is not None:
+            return self._pipe
+        context = multiprocessing.get_context("spawn")
+        self._pipe, far = context.Pipe()
+        self._process = context.Process(target=_work, args=(far, *self._job), daemon=True)
+        self._process.start()
+        far.close()
+        ready = self._answer(self._pipe, "the backend did not open in time.", start=True)
+        if isinstance(ready, GpuspecError):
+            self.close()
+            raise ready
+        return self._pipe
+
+    def _answer(self, pipe: Connection, late: str, *, start: bool = False) -> Any:
+        limit = max(self.limit_s, 120.0) if start else self.limit_s
+        end = time.monotonic() + limit
+        while time.monotonic() < end:
+            try:
+                if pipe.poll(POLL_S):
+                    return pipe.recv()
+            except (EOFError, OSError):
+                self.close()
+                raise PatternError(
+                    "the graphics driver ended the run; the pattern is too much for it."
+                ) from None
+        self.close()
+        raise PatternError(late)
+
+
+@contextmanager
+def bench(station: Station, backend: str, device: str | None, limit_s: float) -> Iterator[Bench]:
+    """Give a bench and end its worker afterwards."""
+    made = Bench(station, backend, device, limit_s)
+    try:
+        yield made
+    finally:
+        made.close()
+
+
+def watch(
+    path: Path, changed: Callable[[], None], stop: Callable[[], bool] = lambda: False
+) -> None:
+    """Call `changed` now and after each save of a file, until `stop` or Ctrl-C.
+
+    Editors replace files: one that is away for a moment is waited for.
+    """
+    seen: tuple[int, int] | None = None
+    while not stop():
+        try:
+            state = path.stat()
+        except OSError:
+            time.sleep(POLL_S)
+            continue
+        if (state.st_mtime_ns, state.st_size) != seen:
+            seen = (state.st_mtime_ns, state.st_size)
+            changed()
+        time.sleep(POLL_S)
+
+
+def _work(
+    pipe: Connection, data: dict[str, Any], file: str, folder: str, backend: str, device: str | None
+) -> None:
+    """Run in the worker: trace once, then answer one pattern after another."""
+    import signal
+
+    from gpuspec.backends import open_backend
+    from gpuspec.inspection import trace
+    from gpuspec.report import summary, write_files, write_glance
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
+    try:
+        station = Station.from_dict(data, file, folder)
+        traced = trace(station, open_backend(backend, device, ("opengl", "vulkan")))
+        pipe.send("ready")
+    except GpuspecError as error:
+        pipe.send(error)
+        return
+    while True:
+        try:
+            pattern, target, glance, frames = pipe.recv()
+        except EOFError:
+            return
+        start = time.perf_counter()
+        try:
+            light_map = traced.light_map.with_pattern(pattern)
+            faulty = light_map.faulty()
+            result = traced.result(light_map)
+            if glance:
+                write_glance(result, Path(target))
+            else:
+                write_files(result, Path(target), frames=False, pictures=True)
+            if frames:
+                _write_sequence(result, Path(frames))
+            pipe.send(Rendered(summary(result), faulty, time.perf_counter() - start))
+        except GpuspecError as error:
+            pipe.send(error)
+
+
+def _write_sequence(result: Result, path: Path) -> None:
+    """Write the sequence to look at: an animation, or a PNG for each image."""
+    from gpuspec import figures
+    from gpuspec.report import output_folder
+
+    if path.suffix.lower() == ".gif":
+        with output_folder(path.parent, ()) as partial:
+            figures.sequence_animation(result, partial / path.name)
+        return
+    with output_folder(path, ()) as partial:
+        for k in range(result.station.sequence.images):
+            figures.write_image(result, k, partial / f"image_{k:04d}.png")

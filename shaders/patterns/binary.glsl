@@ -1,0 +1,12 @@
+/* The binary stripes themselves: what the other fusions of the same station must agree with.
+
+   pattern() is the light's radiance, 0 to 1, averaged over what a sub-ray sees of it:
+   light      coordinate along the part's x axis, mm
+   across     the tunnel's other coordinate, mm
+   shift      how far the tunnel has moved, mm
+   footprint  width of the box on the light over which the sub-ray averages, mm */
+float pattern(float light, float across, float shift, float footprint) {
+    float period = 1.0 / d.stripes.y;
+    Trapezoid lit = lit_fraction(light / period, footprint / period, d.stripes.x);
+    return at_shift(lit, shift / period);
+}

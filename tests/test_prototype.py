@@ -1,0 +1,236 @@
+"""Lights of one's own: patterns as shaders, on every backend that speaks GLSL."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scenes import check_station
+from tolerances import DEVICE_DN
+
+from gpuspec import prototype
+from gpuspec.backends import open_backend
+from gpuspec.errors import BackendError, PatternError
+from gpuspec.inspection import Traced, trace
+from gpuspec.patterns import Pattern, shipped
+from gpuspec.station import Station
+
+HEAD = "float pattern(float light, float across, float shift, float footprint)"
+STATION = """
+[part]
+length_mm = 20.0
+width_mm = 10.0
+[camera]
+sampling_mm = 0.1
+[[defects]]
+kind = "dent"
+x_mm = 2.0
+y_mm = 1.0
+diameter_mm = 1.0
+depth_um = 8.0
+"""
+
+
+@pytest.fixture(scope="module", params=["opengl", "vulkan"])
+def traced(request: pytest.FixtureRequest) -> Traced:
+    return trace(check_station(camera__subsampling=1), open_backend(request.param))
+
+
+def pattern(body: str) -> Pattern:
+    return Pattern.parse(f"{HEAD} {{\n{body}\n}}", "mine.glsl")
+
+
+def test_the_binary_pattern_is_the_stripes_themselves(traced):
+    lit = traced.light_map.with_pattern(Pattern.read("binary"))
+    assert np.abs(lit.image(7) - traced.light_map.image(7)).max() < DEVICE_DN
+    assert np.abs(lit.aspect() - traced.light_map.aspect()).max() < DEVICE_DN
+    fused, stripes = lit.fuse(), traced.light_map.fuse()
+    for name, image in fused.items():
+        assert np.abs(image - stripes[name]).max() < DEVICE_DN
+    assert lit.faulty() == 0
+
+
+def test_with_sub_rays_and_a_leak_the_binary_pattern_is_still_the_stripes(traced):
+    station = check_station(camera__subsampling=2, tunnel__dark_leak=0.1, sensor__noise=True)
+    light_map = open_backend(traced.info.backend).trace(station)
+    lit = light_map.with_pattern(Pattern.read("binary"))
+    # A rounded sum may turn one electron, and so one grey level of one image.
+    assert (np.abs(lit.image(3) - light_map.image(3)) > DEVICE_DN).mean() < 0.01
+
+
+def test_every_shipped_pattern_runs_and_stays_within_bounds(traced):
+    assert set(shipped()) >= {"binary", "sinusoidal", "checkerboard", "warped"}
+    for name in shipped():
+        lit = traced.light_map.with_pattern(Pattern.read(name))
+        assert lit.faulty() == 0
+        result = traced.result(lit)
+        assert np.isfinite(result.aspect).all()
+        assert 0 < result.aspect.mean() < 255
+
+
+def test_sinusoidal_fringes_are_the_mean_of_a_cosine_over_the_footprint(traced):
+    arrays = traced.light_map.read()
+    light, footprint = arrays.light_mm[0].astype(float), arrays.footprint_mm[0].astype(float)
+    u = np.pi * footprint / 16
+    radiance = 0.5 + 0.5 * np.sin(u) / u * np.cos(2 * np.pi * (light - 3 * 0.4) / 16)
+    lit = traced.light_map.with_pattern(Pattern.read("sinusoidal"))
+    assert np.abs(lit.image(3) - 255 * np.minimum(4 * radiance, 1)).max() < 5 * DEVICE_DN
+
+
+def test_warped_stripes_are_evenly_spaced_on_a_crowned_part(traced):
+    station = Station.parse(STATION).replace(
+        part__length_mm=100.0, part__crown_radius_x_mm=150.0, defects=[], camera__pupil_mm=0.0
+    )
+    light_map = open_backend(traced.info.backend).trace(station)
+    row = light_map.with_pattern(Pattern.read("warped")).image(0)[50] > 127
+    edges = np.flatnonzero(np.diff(row.astype(int)) > 0)
+    plain = np.flatnonzero(np.diff((light_map.image(0)[50] > 127).astype(int)) > 0)
+    assert len(edges) > 5
+    assert np.ptp(np.diff(edges)) <= 2  # pixels
+    assert np.ptp(np.diff(plain)) > 2
+
+
+def test_the_other_coordinate_is_that_of_the_light_point(traced):
+    lit = traced.light_map.with_pattern(pattern("return across > 0.0 ? 1.0 : 0.0;"))
+    image = lit.image(0)
+    assert (image[:3] == 255).all()  # y > 0 is up
+    assert (image[-3:] == 0).all()
+
+
+def test_a_picture_of_one_s_own_is_the_whole_image(traced):
+    text = """float picture(vec2 place, float light, float across, float footprint, int k) {
+        return place.x == 3.0 && place.y == 5.0 && k == 2 ? 1.0 : 0.25; }"""
+    lit = traced.light_map.with_pattern(Pattern.parse(text, "mine.glsl"))
+    image = lit.image(2)
+    assert image[5, 3] == 255
+    assert np.delete(image.ravel(), 5 * 32 + 3) == pytest.approx(63.75)
+    assert lit.image(1)[5, 3] == pytest.approx(63.75)
+
+
+@pytest.mark.parametrize(
+    ("body", "value"),
+    [("return sqrt(-1.0 - light * light);", 0), ("return 7.0;", 255), ("return -0.5;", 0)],
+)
+def test_values_that_are_none_are_bounded_and_told(traced, body, value):
+    lit = traced.light_map.with_pattern(pattern(body))
+    assert lit.faulty() == 1
+    assert (lit.mean() == value).all()
+
+
+@pytest.mark.parametrize("body", ["return lihgt;", "float a = 1.0\nreturn a;"])
+def test_a_pattern_that_does_not_compile_names_the_user_s_file_and_line(traced, body):
+    with pytest.raises(PatternError, match=r"(?m)^mine\.glsl:[23]: ") as told:
+        traced.light_map.with_pattern(pattern(body))
+    assert "mine.glsl does not compile" in str(told.value)
+
+
+def test_a_pattern_on_a_backend_without_shaders_is_refused_by_name(opencl):
+    with pytest.raises(BackendError, match="opengl or vulkan"):
+        opencl.trace(check_station()).with_pattern(Pattern.read("binary"))
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("float patern(float x) { return x; }", "must define one of"),
+        ("", "must define one of"),
+        ("// float pattern(float a)", "must define one of"),
+        (f'#include "/etc/passwd"\n{HEAD} {{ return 1.0; }}', "#include is not for a pattern"),
+        (f"#version 450\n{HEAD} {{ return 1.0; }}", "#version is not for a pattern"),
+    ],
+)
+def test_a_file_that_is_no_pattern_is_refused_with_what_to_write(text, told):
+    with pytest.raises(PatternError, match=told):
+        Pattern.parse(text, "mine.glsl")
+
+
+def test_a_missing_or_binary_file_is_refused(tmp_path):
+    with pytest.raises(PatternError, match="no such pattern"):
+        Pattern.read(tmp_path / "none.glsl")
+    (tmp_path / "bytes.glsl").write_bytes(b"\xff\xfe\x00\x80")
+    with pytest.raises(PatternError, match="UTF-8"):
+        Pattern.read(tmp_path / "bytes.glsl")
+
+
+# Mesa ends a loop after 65,535 rounds: this one takes a minute there, and for ever on a GPU.
+LOOP = "float x = light; while (x < 1e9) { x = sin(x + shift); } return x;"
+
+
+@pytest.mark.parametrize("backend", ["opengl", "vulkan"])
+def test_a_pattern_that_loops_for_ever_is_stopped_and_the_next_one_runs(tmp_path, backend):
+    station = Station.parse(STATION)
+    with prototype.bench(station, backend, None, limit_s=30.0) as bench:
+        rendered = bench.render(Pattern.read("binary"), tmp_path, glance=True, frames="")
+        assert rendered.summary["score"]["defects_hit"] == 1
+        assert (tmp_path / "aspect.png").read_bytes().startswith(b"\x89PNG")
+        bench.limit_s = 2.0
+        with pytest.raises(PatternError, match="loop for ever"):
+            bench.render(pattern(LOOP), tmp_path, glance=True, frames="")
+        bench.limit_s = 30.0
+        again = bench.render(Pattern.read("binary"), tmp_path, glance=True, frames="")
+        assert again.summary == rendered.summary
+
+
+def test_each_save_is_rendered_once(tmp_path):
+    path, seen, done = tmp_path / "mine.glsl", [], threading.Event()
+    path.write_text("a")
+    thread = threading.Thread(
+        target=prototype.watch, args=(path, lambda: seen.append(path.read_text()), done.is_set)
+    )
+    thread.start()
+    try:
+        for text in ("bb", "ccc"):
+            until(lambda: len(seen) > 0 and seen[-1] == path.read_text())
+            path.unlink()  # as editors do
+            (tmp_path / "new").write_text(text)
+            (tmp_path / "new").replace(path)
+        until(lambda: seen[-1] == "ccc")
+    finally:
+        done.set()
+        thread.join()
+    assert seen == ["a", "bb", "ccc"]
+
+
+def until(holds) -> None:
+    end = time.monotonic() + 10
+    while not holds():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_the_command_writes_pictures_sequence_and_score(tmp_path):
+    (tmp_path / "s.toml").write_text(STATION)
+    command = [
+        sys.executable, "-m", "gpuspec", "prototype", "s.toml", "--pattern", "sinusoidal",
+        "--frames", "look.gif", "-o", "out", "--set", "sequence.images=8",
+    ]  # fmt: skip
+    ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stderr
+    assert "P1" in ran.stdout
+    assert (tmp_path / "look.gif").read_bytes().startswith(b"GIF8")
+    assert {"aspect.tif", "score.json", "detection.png"} <= {
+        path.name for path in (tmp_path / "out").iterdir()
+    }
+    command[command.index("out")] = "none"
+    (tmp_path / "bad.glsl").write_text(f"{HEAD} {{ return x; }}")
+    command[command.index("sinusoidal")] = "bad.glsl"
+    ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert ran.returncode == 1
+    assert "bad.glsl:1:" in ran.stderr
+    assert "Traceback" not in ran.stderr
+    assert not (tmp_path / "none").exists()
+
+
+def test_images_for_a_look_are_written_as_pngs(tmp_path):
+    station = Station.parse(STATION).replace(sequence__images=3)
+    frames = Path(tmp_path / "frames")
+    with prototype.bench(station, "opengl", None, 30.0) as bench:
+        bench.render(Pattern.read("checkerboard"), tmp_path, glance=True, frames=str(frames))
+    assert sorted(path.name for path in frames.iterdir()) == [
+        "image_0000.png", "image_0001.png", "image_0002.png",
+    ]  # fmt: skip
