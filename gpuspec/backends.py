@@ -87,7 +87,7 @@ class LightMap(ABC):
         )
 
     def faulty(self) -> float:
-        """Return the share of a pattern's samples that are NaN or outside [0, 1]."""
+        """Return the share of a pattern's samples, in some images, that are no radiance."""
         return 0.0
 
     @abstractmethod

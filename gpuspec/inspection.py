@@ -208,7 +208,7 @@ class Traced:
         table = confusion(kinds, truth.labels, found.labels, found.classes)
         return Result(
             station, self.info, aspect, self.lost, truth.labels, truth.defects, found, scored,
-            table, light_map, self.relief, tuple(cautions(station, truth, scored)),
+            table, light_map, self.relief, tuple(cautions(station, truth, scored, found.threshold)),
         )  # fmt: skip
 
 
@@ -338,7 +338,7 @@ def _available_bytes() -> int:
         return 2**63
 
 
-def cautions(station: Station, truth: Truth, scored: Score) -> list[str]:
+def cautions(station: Station, truth: Truth, scored: Score, threshold: float) -> list[str]:
     """Return what a user should know before trusting the score, a sentence each."""
     said = []
     rule = station.segmentation
@@ -364,6 +364,11 @@ def cautions(station: Station, truth: Truth, scored: Score) -> list[str]:
         said.append(
             f"the {station.sequence.images} images cover {periods:.3g} periods of the stripes: the "
             f"flawless level is even only over whole periods."
+        )
+    if threshold >= station.sensor.full_scale_dn:
+        said.append(
+            f"the automatic threshold, {threshold:.0f} DN, is beyond full scale and detects "
+            f"nothing: the flawless level is too uneven over the part."
         )
     if station.tunnel.opening_length_mm:
         share = 1 - station.tunnel.top_mm / station.camera.height_mm

@@ -71,7 +71,7 @@ class Bench:
         pattern : Pattern
         folder : Path
         glance : bool
-            Score, aspect image and detection alone, in well under a second; else every file.
+            Score and detection alone, in well under a second; else every file.
         frames : str
             A ``.gif`` to write the sequence to, or a folder for its images as PNG; "": neither.
 

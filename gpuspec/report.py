@@ -136,12 +136,11 @@ def write(
 
 
 def write_glance(result: Result, folder: Path) -> None:
-    """Write what one looks at while trying things: score, aspect image and detection."""
+    """Write what one looks at while trying things: the score, and the detection over the aspect."""
     from gpuspec import figures
 
     (folder / "score.json").write_text(json.dumps(summary(result), indent=2) + "\n", "utf-8")
-    for name in ("aspect.png", "detection.png"):
-        figures.PICTURES[name](result, folder / name)
+    figures.PICTURES["detection.png"](result, folder / "detection.png")
 
 
 def write_files(

@@ -167,7 +167,7 @@ def test_a_pattern_that_loops_for_ever_is_stopped_and_the_next_one_runs(tmp_path
     with prototype.bench(station, backend, None, limit_s=30.0) as bench:
         rendered = bench.render(Pattern.read("binary"), tmp_path, glance=True, frames="")
         assert rendered.summary["score"]["defects_hit"] == 1
-        assert (tmp_path / "aspect.png").read_bytes().startswith(b"\x89PNG")
+        assert (tmp_path / "detection.png").read_bytes().startswith(b"\x89PNG")
         bench.limit_s = 2.0
         with pytest.raises(PatternError, match="loop for ever"):
             bench.render(pattern(LOOP), tmp_path, glance=True, frames="")
