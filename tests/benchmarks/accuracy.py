@@ -1,6 +1,6 @@
 """Prints how close aspect images are to 4,096 rays per pixel, on the model's check scenes.
 
-    python tests/benchmarks/accuracy.py
+python tests/benchmarks/accuracy.py
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Prints how long the commands take, and how much memory: cold (no kernel built) and warm.
 
-    python tests/benchmarks/commands.py
+python tests/benchmarks/commands.py
 """
 
 from __future__ import annotations
