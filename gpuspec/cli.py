@@ -31,7 +31,10 @@ app = typer.Typer(
 )
 
 BackendOption = Annotated[
-    str, typer.Option("--backend", help="auto, opencl or numpy; a named one is never swapped.")
+    str,
+    typer.Option(
+        "--backend", help="auto, opencl, opengl, vulkan or numpy; a named one is never swapped."
+    ),
 ]
 DeviceOption = Annotated[
     str | None, typer.Option("--device", help="Part of a device's name, or its number.")
@@ -226,7 +229,7 @@ def _run(
     with output_folder(output) as partial, _progress() as tell:
         result = simulate(station, backend, device, tell)
         write_files(result, partial, frames=frames, pictures=pictures, progress=tell)
-    _summarise(result, output)
+    _summarise(result, output, backend == "auto")
 
 
 @contextmanager
@@ -238,9 +241,11 @@ def _progress() -> Iterator[Any]:
         yield lambda text: status.update(Text(text))
 
 
-def _summarise(result: Result, output: Path) -> None:
+def _summarise(result: Result, output: Path, chosen: bool) -> None:
     from rich.table import Table
     from rich.text import Text
+
+    from gpuspec.backends import BACKENDS
 
     score = result.score
     rows, columns = result.station.shape
@@ -249,6 +254,7 @@ def _summarise(result: Result, output: Path) -> None:
         Text.assemble(
             (result.station.file, "bold"),
             f": {columns} x {rows} pixels, {result.station.sequence.images} images, {result.info}",
+            f", the first of {', '.join(BACKENDS)} that opens" if chosen else "",
         ),
         soft_wrap=True,
     )
