@@ -96,7 +96,7 @@ def detection_picture(result: Result) -> Figure:
     p2, f1 = ("undefined" if v is None else f"{v:.3f}" for v in (score.p2, score.f1))
     sheet.heading(
         f"Detection: P1 {score.p1:.3f} (overdetection)   P2 {p2} (misdetection)   F1 {f1}",
-        essentials(station),
+        essentials(station, result.light_map.pattern),
     )
     counts = {
         "hit": f"defect hit ({score.defects_hit} of {score.defects})",

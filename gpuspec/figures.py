@@ -86,7 +86,7 @@ def sequence_strip(result: Result, count: int = 6) -> Figure:
     sheet.heading(
         f"{len(chosen)} of {station.sequence.images} images: the tunnel moves along x, "
         f"one period of {period:g} mm",
-        essentials(station),
+        essentials(station, result.light_map.pattern),
     )
     full = station.sensor.full_scale_dn
     for place, k in enumerate(chosen):
@@ -169,7 +169,7 @@ def aspect_picture(result: Result) -> Figure:
     sheet = Sheet(WIDTH, 106 + height + 84)
     sheet.heading(
         f"Aspect image: {station.sequence.fusion} of {station.sequence.images} images",
-        essentials(station),
+        essentials(station, result.light_map.pattern),
         f"flawless level {result.flawless_dn:.1f} DN  ·  threshold {result.threshold:.1f} DN  ·  "
         f"full scale {station.sensor.full_scale_dn} DN  ·  {result.info}",
     )
@@ -210,7 +210,9 @@ def histogram_picture(result: Result) -> Figure:
     outside, inside = np.bincount(bin_of.ravel(), minlength=2 * bins + 1)[:-1].reshape(2, bins)
 
     sheet = Sheet(WIDTH, 660)
-    sheet.heading("Grey levels of the aspect image", essentials(result.station))
+    sheet.heading(
+        "Grey levels of the aspect image", essentials(result.station, result.light_map.pattern)
+    )
     ax = sheet.axes(MARGIN + 20, 108, WIDTH - 2 * MARGIN - 20, 480)
     edges = np.linspace(low, high, bins + 1)
     score = result.score
@@ -258,7 +260,7 @@ def lost_picture(result: Result) -> Figure:
     on_part = result.lost.size - counts[BESIDE]
     sheet.heading(
         f"Light is seen on {_share(counts[0], on_part)} of the part in view",
-        f"{essentials(station)}  ·  shares of the image:",
+        f"{essentials(station, result.light_map.pattern)}  ·  shares of the image:",
     )
     handles = [
         Patch(

@@ -15,6 +15,7 @@ from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
 from gpuspec.backends import BESIDE
+from gpuspec.patterns import Pattern
 from gpuspec.station import Station
 
 if TYPE_CHECKING:
@@ -74,15 +75,17 @@ class Sheet:
         )
 
 
-def essentials(station: Station) -> str:
-    """Return what matters most of a station, in one line."""
+def essentials(station: Station, pattern: Pattern | None = None) -> str:
+    """Return what matters most of a station, in one line; `pattern` is its light if not stripes."""
     part, tunnel, camera = station.part, station.tunnel, station.camera
     crowned = part.crown_radius_x_mm or part.crown_radius_y_mm
+    stripes = f"stripes {tunnel.luminous_mm:g} + {tunnel.dark_mm:g} mm"
+    light = f"light {pattern.file}" if pattern else stripes
     return (
         f"{'crowned' if crowned else 'flat'} part {part.length_mm:g} × {part.width_mm:g} mm  ·  "
-        f"{tunnel.section} at {tunnel.top_mm:g} mm, stripes {tunnel.luminous_mm:g} + "
-        f"{tunnel.dark_mm:g} mm  ·  camera at {camera.height_mm:g} mm, {camera.sampling_mm:g} "
-        f"mm/px, pupil {camera.pupil_mm:g} mm  ·  exposure {station.sensor.exposure:g}, "
+        f"{tunnel.section} at {tunnel.top_mm:g} mm, {light}  ·  "
+        f"camera at {camera.height_mm:g} mm, {camera.sampling_mm:g} mm/px, "
+        f"pupil {camera.pupil_mm:g} mm  ·  exposure {station.sensor.exposure:g}, "
         f"{station.sequence.images} images"
     )
 

@@ -27,13 +27,15 @@ FILES = (
     "score.json", "station.toml", "station.png", "sequence.png", "sequence.gif", "aspect.png",
     "detection.png", "histogram.png", "lost.png",
 )  # fmt: skip
+"""What `simulate` writes."""
+PATTERN = "pattern.glsl"  # beside them, of a prototype
 
 # Of hidden folders; a process number tells nothing about another machine on a shared disk.
 _PREFIX = f".gpuspec-{platform.node() or 'local'}-"
 
 
 @contextmanager
-def output_folder(folder: Path, replaces: tuple[str, ...] = FILES) -> Iterator[Path]:
+def output_folder(folder: Path, replaces: tuple[str, ...] = (*FILES, PATTERN)) -> Iterator[Path]:
     """Give a hidden folder to write in; on success its files move to `folder`, else it vanishes.
 
     Files of an earlier run (`replaces`) that this one did not write are removed with the move, so
@@ -162,12 +164,17 @@ def write_files(
     _write_defects(folder / "defects.csv", result)
     (folder / "score.json").write_text(json.dumps(summary(result), indent=2) + "\n", "utf-8")
     (folder / "station.toml").write_text(to_toml(result.station, absolute=True), "utf-8")
+    pattern = result.light_map.pattern
+    if pattern:
+        (folder / PATTERN).write_text(pattern.text, "utf-8")
     if frames:
         _write_frames(folder / "frames.tif", result, tell)
     if pictures:
         from gpuspec import figures
 
         for name, draw in figures.PICTURES.items():
+            if pattern and name == "station.png":  # it draws the stripes
+                continue
             tell(f"drawing {name}")
             draw(result, folder / name)
 
@@ -183,6 +190,7 @@ def summary(result: Result) -> dict[str, Any]:
     return {
         **provenance(result),
         "station": result.station.file,
+        "pattern": result.light_map.pattern.file if result.light_map.pattern else None,
         "threshold_dn": result.threshold,
         "flawless_dn": result.flawless_dn,
         "score": result.score.as_dict(),

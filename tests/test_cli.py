@@ -39,7 +39,7 @@ y_mm = -1.0
 diameter_mm = 0.8
 depth_um = 8.0
 """
-COMMANDS = ("simulate", "demo", "init", "schema", "devices")
+COMMANDS = ("simulate", "demo", "prototype", "init", "schema", "devices")
 PROGRAM = [sys.executable, "-m", "gpuspec"]
 
 

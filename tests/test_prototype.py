@@ -213,9 +213,10 @@ def test_the_command_writes_pictures_sequence_and_score(tmp_path):
     assert ran.returncode == 0, ran.stderr
     assert "P1" in ran.stdout
     assert (tmp_path / "look.gif").read_bytes().startswith(b"GIF8")
-    assert {"aspect.tif", "score.json", "detection.png"} <= {
-        path.name for path in (tmp_path / "out").iterdir()
-    }
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"aspect.tif", "score.json", "detection.png", "pattern.glsl"} <= written
+    assert "station.png" not in written
+    assert Pattern.read(tmp_path / "out" / "pattern.glsl").text == Pattern.read("sinusoidal").text
     command[command.index("out")] = "none"
     (tmp_path / "bad.glsl").write_text(f"{HEAD} {{ return x; }}")
     command[command.index("sinusoidal")] = "bad.glsl"
