@@ -6,6 +6,7 @@ Nothing downstream of an aspect image knows which backend made it.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -143,6 +144,36 @@ class Backend(ABC):
         relief : Relief, optional
             The station's relief if already resolved.
         """
+
+
+def chosen(backend: str, names: Sequence[str], wanted: str | None) -> int:
+    """Return the number of the device asked for, by number or part of its name; None: the first.
+
+    Raises
+    ------
+    BackendError
+        If there is none, naming those there are.
+    """
+    if wanted is None:
+        return 0
+    for number, name in enumerate(names):
+        named = not wanted.isdecimal() and wanted.lower() in name.lower()
+        if named or wanted == str(number):
+            return number
+    known = "; ".join(f"{number}: {name.strip()}" for number, name in enumerate(names))
+    raise BackendError(f"{backend}: no device {wanted!r}; there are {known}.")
+
+
+def failure(info: DeviceInfo, reason: object, *, memory: bool = False) -> BackendError:
+    """Return what to say of a device that failed, where its driver only has a code."""
+    if memory:
+        return BackendError(
+            f"{info.backend}: {info.device} is out of memory ({reason}); use a larger "
+            f"camera.sampling_mm, another --device or --backend numpy."
+        )
+    return BackendError(
+        f"{info.backend}: {info.device} failed ({reason}); try another --device or --backend numpy."
+    )
 
 
 def has_closed_form(station: Station) -> bool:

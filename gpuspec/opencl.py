@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.backends import FUSIONS, Backend, DeviceInfo, Image
+from gpuspec.backends import FUSIONS, Backend, DeviceInfo, Image, chosen, failure
 from gpuspec.errors import BackendError
 from gpuspec.parameters import design_block, geometry_block
 from gpuspec.relief import Relief, blocks, groove_records
@@ -75,10 +75,11 @@ class OpenCLBackend(Backend):
     """
 
     def __init__(self, device: str | None = None, memory_bytes: int | None = None) -> None:
-        self.device = _chosen(devices(), device)  # says what to install where pyopencl is missing
+        found = devices()  # says what to install where pyopencl is missing
         import pyopencl as cl
 
         self.cl = cl
+        self.device = found[chosen("opencl", [d.name for d in found], device)]
         self.info = describe(self.device)
         on_cpu = bool(self.device.type & cl.device_type.CPU)
         self.width = 8 if on_cpu else 1
@@ -139,27 +140,9 @@ class OpenCLBackend(Backend):
         try:
             yield
         except self.cl.MemoryError as error:
-            raise BackendError(
-                f"opencl: {self.info.device} is out of memory ({error}); use a larger "
-                f"camera.sampling_mm, another --device or --backend numpy."
-            ) from None
+            raise failure(self.info, error, memory=True) from None
         except self.cl.Error as error:
-            raise BackendError(
-                f"opencl: {self.info.device} failed ({error}); try another --device or "
-                f"--backend numpy."
-            ) from None
-
-
-def _chosen(found: list[Any], wanted: str | None) -> Any:
-    if wanted is None:
-        return found[0]
-    if wanted.isdecimal() and int(wanted) < len(found):
-        return found[int(wanted)]
-    for device in found:
-        if not wanted.isdecimal() and wanted.lower() in device.name.lower():
-            return device
-    names = "; ".join(f"{i}: {d.name.strip()}" for i, d in enumerate(found))
-    raise BackendError(f"opencl: no device {wanted!r}; there are {names}.")
+            raise failure(self.info, error) from None
 
 
 @dataclass(frozen=True)

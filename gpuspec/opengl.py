@@ -15,7 +15,7 @@ from weakref import finalize
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.backends import FUSIONS, Backend, DeviceInfo, Image
+from gpuspec.backends import FUSIONS, Backend, DeviceInfo, Image, chosen, failure
 from gpuspec.errors import BackendError
 from gpuspec.parameters import design_block, geometry_block
 from gpuspec.patterns import Pattern
@@ -234,34 +234,16 @@ class OpenGLBackend(Backend):
             try:
                 yield
             except self.gl.Error as error:
-                raise BackendError(
-                    f"opengl: {self.info.device} failed ({error}); try another --device or "
-                    f"--backend numpy."
-                ) from None
+                raise failure(self.info, error) from None
             code = self.context.error
-            if code == "GL_OUT_OF_MEMORY":
-                raise BackendError(
-                    f"opengl: {self.info.device} is out of memory; use a larger "
-                    f"camera.sampling_mm, another --device or --backend numpy."
-                )
             if code != "GL_NO_ERROR":
-                raise BackendError(
-                    f"opengl: {self.info.device} failed ({code}); try another --device or "
-                    f"--backend numpy."
-                )
+                raise failure(self.info, code, memory=code == "GL_OUT_OF_MEMORY")
 
 
 def _chosen(wanted: str | None) -> Any:
     """Open the device asked for."""
-    if wanted is None:
-        return _context(0)
-    found = devices()
-    for number, info in enumerate(found):
-        named = not wanted.isdecimal() and wanted.lower() in info.device.lower()
-        if named or wanted == str(number):
-            return _context(number)
-    names = "; ".join(f"{i}: {d.device}" for i, d in enumerate(found))
-    raise BackendError(f"opengl: no device {wanted!r}; there are {names}.")
+    names = [] if wanted is None else [info.device for info in devices()]
+    return _context(chosen("opengl", names, wanted))
 
 
 @dataclass(frozen=True)

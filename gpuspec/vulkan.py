@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.backends import FUSIONS, Backend, DeviceInfo, Image
+from gpuspec.backends import FUSIONS, Backend, DeviceInfo, Image, chosen, failure
 from gpuspec.errors import BackendError
 from gpuspec.parameters import design_block, geometry_block
 from gpuspec.patterns import Pattern
@@ -127,7 +127,8 @@ class VulkanBackend(Backend):
     """
 
     def __init__(self, device: str | None = None, memory_bytes: int | None = None) -> None:
-        adapter = _chosen(adapters(), device)  # says what to install where wgpu is missing
+        found = adapters()  # says what to install where wgpu is missing
+        adapter = found[chosen("vulkan", [a.info["device"] for a in found], device)]
         import wgpu
 
         self.wgpu = wgpu
@@ -251,27 +252,9 @@ class VulkanBackend(Backend):
         try:
             yield
         except self.wgpu.GPUOutOfMemoryError as error:
-            raise BackendError(
-                f"vulkan: {self.info.device} is out of memory ({error}); use a larger "
-                f"camera.sampling_mm, another --device or --backend numpy."
-            ) from None
+            raise failure(self.info, error, memory=True) from None
         except self.wgpu.GPUError as error:
-            raise BackendError(
-                f"vulkan: {self.info.device} failed ({error}); try another --device or "
-                f"--backend numpy."
-            ) from None
-
-
-def _chosen(found: list[Any], wanted: str | None) -> Any:
-    if wanted is None:
-        return found[0]
-    if wanted.isdecimal() and int(wanted) < len(found):
-        return found[int(wanted)]
-    for adapter in found:
-        if not wanted.isdecimal() and wanted.lower() in adapter.info["device"].lower():
-            return adapter
-    names = "; ".join(f"{i}: {a.info['device'].strip()}" for i, a in enumerate(found))
-    raise BackendError(f"vulkan: no device {wanted!r}; there are {names}.")
+            raise failure(self.info, error) from None
 
 
 _SPAN = re.compile(r"Error \{ kind: (.*?), meta: Span \{ start: (\d+), end: \d+ \} \}")

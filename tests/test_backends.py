@@ -14,7 +14,14 @@ from scenes import check_station
 import gpuspec
 from gpuspec import backends
 from gpuspec import opencl as opencl_module
-from gpuspec.backends import BACKENDS, LightMapArrays, has_closed_form, open_backend, survey
+from gpuspec.backends import (
+    BACKENDS,
+    LightMapArrays,
+    chosen,
+    has_closed_form,
+    open_backend,
+    survey,
+)
 from gpuspec.errors import BackendError
 from gpuspec.opencl import OpenCLBackend
 from gpuspec.reference import NumpyBackend
@@ -228,3 +235,14 @@ def test_few_modules_know_how_images_are_made(engine):
 @pytest.mark.parametrize("module", ARRAYS_ALONE)
 def test_what_follows_the_aspect_image_knows_no_backend(module):
     assert not reach(module) & {"backends", "opencl", "opengl", "vulkan", "reference", "inspection"}
+
+
+@pytest.mark.parametrize(("wanted", "number"), [(None, 0), ("1", 1), ("radeon", 1), ("GeForce", 0)])
+def test_a_device_is_chosen_by_number_or_by_part_of_its_name(wanted, number):
+    assert chosen("vulkan", ["NVIDIA GeForce", "AMD Radeon"], wanted) == number
+
+
+@pytest.mark.parametrize("wanted", ["2", "-1", "²", "intel"])
+def test_a_device_that_is_not_there_is_answered_with_those_that_are(wanted):
+    with pytest.raises(BackendError, match=r"no device .* there are 0: NVIDIA GeForce; 1: AMD"):
+        chosen("vulkan", ["NVIDIA GeForce", "AMD Radeon"], wanted)

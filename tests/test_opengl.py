@@ -67,7 +67,9 @@ def test_a_driver_without_float_targets_is_refused(monkeypatch):
 @pytest.mark.parametrize("code", ["GL_OUT_OF_MEMORY", "GL_INVALID_OPERATION"])
 def test_a_driver_that_fails_says_so_in_a_sentence(opengl, monkeypatch, code):
     monkeypatch.setattr(moderngl.Context, "error", code)
-    told = "is out of memory; use a larger" if "MEMORY" in code else f"failed .{code}.; try another"
+    told = (
+        "is out of memory .*; use a larger" if "MEMORY" in code else f"failed .{code}.; try another"
+    )
     with pytest.raises(BackendError, match=told):
         opengl.trace(check_station())
 

@@ -14,7 +14,6 @@ import wgpu
 import wgpu.backends.wgpu_native  # now: importing it later replaces wgpu.gpu
 from scenes import check_station
 
-from gpuspec import vulkan
 from gpuspec.backends import open_backend
 from gpuspec.errors import BackendError
 from gpuspec.sources import folder, resolved_shader
@@ -67,13 +66,6 @@ def test_metal_and_direct3d_are_said_to_be_what_they_are():
     assert describe(METAL).version == f"Metal, wgpu {wgpu.__version__}"
     silent = {**DISCRETE, "description": "", "vendor": ""}
     assert all(describe(silent).as_dict().values())
-
-
-@pytest.mark.parametrize(("wanted", "chosen"), [(None, 0), ("1", 1), ("radeon", 1), ("GeForce", 0)])
-def test_an_adapter_is_chosen_by_number_or_by_part_of_its_name(wanted, chosen):
-    names = "NVIDIA GeForce", "AMD Radeon"
-    found = [SimpleNamespace(info=adapter_info("Vulkan", "DiscreteGPU", name)) for name in names]
-    assert vulkan._chosen(found, wanted) is found[chosen]
 
 
 def test_without_wgpu_it_is_said_what_to_install(monkeypatch):
