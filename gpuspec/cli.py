@@ -168,11 +168,12 @@ def schema() -> None:
 @app.command()
 def devices() -> None:
     """List backends and devices: what is there, what would be chosen, why not the others."""
-    from rich.table import Table
+    from rich.table import Column, Table
 
     from gpuspec.backends import survey
 
-    table = Table("backend", "device", "driver", "version", "")
+    remark = Column("", overflow="fold")  # what to install is copied from here
+    table = Table("backend", "device", "driver", "version", remark)
     for entry in survey():
         if entry.info is None:
             table.add_row(entry.backend, "-", "-", "-", entry.remark)
