@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from gpuspec.parameters import design_block, geometry_block
 from gpuspec.relief import Relief, blocks, groove_records
 from gpuspec.sources import kernel_source
 from gpuspec.station import Station
-from gpuspec.tiles import TiledLightMap
+from gpuspec.tiles import PlanarTile, TiledLightMap
 from gpuspec.topography import coefficients, map_records
 
 INSTALL = "pip install pocl-binary-distribution (Linux), or your GPU's OpenCL driver"
@@ -145,18 +144,6 @@ class OpenCLBackend(Backend):
             raise failure(self.info, error) from None
 
 
-@dataclass(frozen=True)
-class _Tile:
-    """Some rows of the light map, on the device."""
-
-    first_row: int
-    rows: int
-    light: Any
-    footprint: Any
-    irradiance: Any
-    lost: Any
-
-
 _KERNELS = {
     "image": ("sequence.cl", "image_at"),
     "mean": ("sequence.cl", "mean_of_images"),
@@ -165,7 +152,7 @@ _KERNELS = {
 }
 
 
-class OpenCLLightMap(TiledLightMap[_Tile]):
+class OpenCLLightMap(TiledLightMap[PlanarTile]):
     """A light map on an OpenCL device; rows are padded to whole vectors."""
 
     def __init__(self, backend: OpenCLBackend, station: Station, relief: Relief) -> None:
@@ -194,12 +181,12 @@ class OpenCLLightMap(TiledLightMap[_Tile]):
         """See :meth:`OpenCLBackend.failures`."""
         return self._backend.failures()
 
-    def trace_tile(self, first_row: int, rows: int) -> _Tile:
+    def trace_tile(self, first_row: int, rows: int) -> PlanarTile:
         """See :meth:`TiledLightMap.trace_tile`."""
         b = self._backend
         plane = rows * self._stride
         light, footprint, irradiance = (b.empty(4 * plane * self._sub_rays) for _ in range(3))
-        tile = _Tile(first_row, rows, light, footprint, irradiance, b.empty(plane))
+        tile = PlanarTile(first_row, rows, light, footprint, irradiance, b.empty(plane))
         b.kernel("trace.cl", "trace")(
             b.queue, (self._stride // b.width, rows), None,
             tile.light, tile.footprint, tile.irradiance, tile.lost,
@@ -209,7 +196,7 @@ class OpenCLLightMap(TiledLightMap[_Tile]):
 
     def read_tile(
         self,
-        tile: _Tile,
+        tile: PlanarTile,
         maps: tuple[NDArray[np.float32], ...] | None,
         lost: NDArray[np.uint8],
     ) -> None:
@@ -220,14 +207,14 @@ class OpenCLLightMap(TiledLightMap[_Tile]):
             self._copy_home(out, buffer)
         self._copy_home(lost, tile.lost)
 
-    def run_tile(self, tile: _Tile, what: str, station: Station, k: int, out: Image) -> None:
+    def run_tile(self, tile: PlanarTile, what: str, station: Station, k: int, out: Image) -> None:
         """See :meth:`TiledLightMap.run_tile`."""
         b = self._backend
         grey = b.empty(4 * len(out) * tile.rows * self._stride)
         self.enqueue(tile, what, b.constant(design_block(station)), k, grey)
         self._copy_home(out, grey)
 
-    def enqueue(self, tile: _Tile, what: str, design: Any, k: int, grey: Any) -> None:
+    def enqueue(self, tile: PlanarTile, what: str, design: Any, k: int, grey: Any) -> None:
         """Start a kernel on a tile; its planes go to the buffer `grey`."""
         b = self._backend
         more = [np.int32(k)] if what == "image" else []

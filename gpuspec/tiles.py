@@ -6,7 +6,8 @@ from abc import abstractmethod
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, nullcontext
 from copy import copy
-from typing import Generic, TypeVar
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,21 @@ from gpuspec.patterns import Pattern
 from gpuspec.station import Station
 
 Tile = TypeVar("Tile")
+
+
+@dataclass(frozen=True)
+class PlanarTile:
+    """Some rows of a light map in buffers of the device, one for each of its quantities.
+
+    With a pattern, ``lost`` holds the light point's other coordinate of each sub-ray.
+    """
+
+    first_row: int
+    rows: int
+    light: Any
+    footprint: Any
+    irradiance: Any
+    lost: Any
 
 
 class TiledLightMap(LightMap, Generic[Tile]):

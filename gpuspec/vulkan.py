@@ -10,7 +10,6 @@ import re
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from gpuspec.patterns import Pattern
 from gpuspec.relief import Relief, blocks, groove_records
 from gpuspec.sources import shader_source
 from gpuspec.station import Station
-from gpuspec.tiles import ShaderLightMap
+from gpuspec.tiles import PlanarTile, ShaderLightMap
 from gpuspec.topography import coefficients, map_records
 
 INSTALL_WGPU = 'pip install "gpuspec[vulkan]"'
@@ -276,18 +275,6 @@ def located(message: str, source: str, names: tuple[str, ...]) -> str:
     return "\n".join(place(span) for span in spans) if spans else message
 
 
-@dataclass(frozen=True)
-class _Tile:
-    """Some rows of the light map, on the device."""
-
-    first_row: int
-    rows: int
-    light: Any
-    footprint: Any
-    irradiance: Any
-    lost: Any
-
-
 _SHADERS = {
     "image": ("sequence.comp", "IMAGE"),
     "mean": ("sequence.comp", "MEAN"),
@@ -297,7 +284,7 @@ _SHADERS = {
 }
 
 
-class VulkanLightMap(ShaderLightMap[_Tile]):
+class VulkanLightMap(ShaderLightMap[PlanarTile]):
     """A light map in storage buffers."""
 
     def __init__(self, backend: VulkanBackend, station: Station, relief: Relief) -> None:
@@ -340,14 +327,14 @@ class VulkanLightMap(ShaderLightMap[_Tile]):
         """See :meth:`VulkanBackend.failures`."""
         return self._backend.failures()
 
-    def trace_tile(self, first_row: int, rows: int) -> _Tile:
+    def trace_tile(self, first_row: int, rows: int) -> PlanarTile:
         """See :meth:`TiledLightMap.trace_tile`."""
         b = self._backend
         plane = 4 * rows * self._columns
         light, footprint, irradiance = (b.empty(plane * self._sub_rays) for _ in range(3))
         lit = self.pattern is not None
         last = b.empty(plane * self._sub_rays if lit else plane)
-        tile = _Tile(first_row, rows, light, footprint, irradiance, last)
+        tile = PlanarTile(first_row, rows, light, footprint, irradiance, last)
         b.enqueue(
             b.pipeline("trace.comp", *self._tracer, *("ACROSS",) * lit),
             (
@@ -360,7 +347,7 @@ class VulkanLightMap(ShaderLightMap[_Tile]):
 
     def read_tile(
         self,
-        tile: _Tile,
+        tile: PlanarTile,
         maps: tuple[NDArray[np.float32], ...] | None,
         lost: NDArray[np.uint8],
     ) -> None:
@@ -371,14 +358,14 @@ class VulkanLightMap(ShaderLightMap[_Tile]):
             self._backend.copy_home(out, buffer)
         self._backend.copy_home(lost, tile.lost)
 
-    def run_tile(self, tile: _Tile, what: str, station: Station, k: int, out: Image) -> None:
+    def run_tile(self, tile: PlanarTile, what: str, station: Station, k: int, out: Image) -> None:
         """See :meth:`TiledLightMap.run_tile`."""
         b = self._backend
         grey = b.empty(4 * out.size)
         self.enqueue(tile, what, station, k, grey)
         b.copy_home(out, grey)
 
-    def enqueue(self, tile: _Tile, what: str, station: Station, k: int, grey: Any) -> None:
+    def enqueue(self, tile: PlanarTile, what: str, station: Station, k: int, grey: Any) -> None:
         """Start a shader on a tile; its planes go to the buffer `grey`."""
         b = self._backend
         block = design_block(station)
@@ -402,7 +389,7 @@ class VulkanLightMap(ShaderLightMap[_Tile]):
         defines = (*_SHADERS[what][1:], *one, *("NOISE",) * station.sensor.noise, *light)
         return self._backend.pipeline(_SHADERS[what][0], *defines, pattern=self.pattern)
 
-    def _call(self, tile: _Tile, k: int) -> Any:
+    def _call(self, tile: PlanarTile, k: int) -> Any:
         """What changes from call to call, as the shaders' uniform block."""
         size = [self._columns, tile.rows, tile.first_row, self._sub_rays]
         return self._backend.constant(np.array([size, [k, self._maps, 0, 0]], np.int32), True)

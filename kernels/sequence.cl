@@ -18,15 +18,20 @@ typedef struct {
     int sub_rays;
 } Pixels;
 
-/* Exposure E of CHUNK images from image `first` on, averaged over sub-rays. */
+/* Exposure of sub-ray i as a function of the shift. */
+DEVICE Trapezoid exposed_at(Pixels px, Design d, int i) {
+    size_t at = px.at + i * px.plane;
+    return exposed_ray(d, LOAD(px.light, at), LOAD(px.footprint, at), LOAD(px.irradiance, at),
+                       px.sub_rays);
+}
+
+/* Exposure E of CHUNK images from image `first` on, summed over sub-rays. */
 DEVICE void exposures(Pixels px, Design d, int first, REAL signal[CHUNK]) {
     for (int j = 0; j < CHUNK; j++) {
         signal[j] = 0.0f;
     }
     for (int i = 0; i < px.sub_rays; i++) {
-        size_t at = px.at + i * px.plane;
-        Trapezoid t = exposed_ray(d, LOAD(px.light, at), LOAD(px.footprint, at),
-                                  LOAD(px.irradiance, at), px.sub_rays);
+        Trapezoid t = exposed_at(px, d, i);
         for (int j = 0; j < CHUNK; j++) {
             signal[j] += at_shift(t, shift_of(d, first + j));
         }
@@ -44,7 +49,7 @@ DEVICE void exposures(Pixels px, Design d, int first, REAL signal[CHUNK]) {
     px.at = get_global_id(1) * stride + get_global_id(0) * WIDTH;                             \
     Design d = *design;                                                                       \
     COUNTER column = TO_COUNTER((float)(get_global_id(0) * WIDTH) + LANES);                   \
-    COUNTER row = (uint)(first_row + get_global_id(1));            \
+    COUNTER row = (uint)(first_row + get_global_id(1));                                       \
     Normals pattern = fixed_pattern(d, column, row);
 
 /* Image k of the sequence, in grey levels. */
@@ -52,9 +57,11 @@ __kernel void image_at(__global float *grey, __global const float *light,
                        __global const float *footprint, __global const float *irradiance,
                        __constant Design *design, int sub_rays, int first_row, int k) {
     PIXELS(px, column, row)
-    REAL signal[CHUNK];
-    exposures(px, d, k, signal);
-    STORE(grey_level(signal[0], d, k, column, row, pattern), grey, px.at);
+    REAL signal = 0.0f;
+    for (int i = 0; i < sub_rays; i++) {
+        signal += at_shift(exposed_at(px, d, i), shift_of(d, k));
+    }
+    STORE(grey_level(signal, d, k, column, row, pattern), grey, px.at);
 }
 
 /* Mean of all images, without holding any. */

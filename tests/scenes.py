@@ -37,6 +37,18 @@ def check_station(
     return station.replace(**changes)
 
 
+def part_with(defects: list[dict[str, Any]], sampling: float) -> Station:
+    """A part of 60 x 50 mm under a low ceiling, where perspective and crowns count."""
+    return Station.from_dict(
+        {
+            "part": {"length_mm": 60.0, "width_mm": 50.0},
+            "tunnel": {"height_mm": 30.0},
+            "camera": {"sampling_mm": sampling},
+            "defects": defects,
+        }
+    )
+
+
 def oracle_scene(station: Station) -> oracle.Scene:
     """What the oracle must be told to judge a station with dents, bumps and scratches."""
     part, tunnel, camera, sensor = station.part, station.tunnel, station.camera, station.sensor

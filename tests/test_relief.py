@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scenes import part_with
 from tolerances import DEVICE_DN, FOOTPRINT_SHARE, LIGHT_MM, RECORD_PX, VOLUME
 
 from gpuspec.errors import StationError
@@ -49,15 +50,7 @@ SURFACES: dict[str, dict[str, Any]] = {
 
 
 def scene(**changes: Any) -> Station:
-    base = Station.from_dict(
-        {
-            "part": {"length_mm": 60.0, "width_mm": 50.0},
-            "tunnel": {"height_mm": 30.0},
-            "camera": {"sampling_mm": 0.25},
-            "defects": DEFECTS,
-        }
-    )
-    return base.replace(**changes)
+    return part_with(DEFECTS, 0.25).replace(**changes)
 
 
 def distance(x, y, ends):

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scenes import part_with
 from test_topography import grid, pit, write_sur
 from tolerances import SEEN_POINT_MM, ZONE_AREA
 
@@ -50,15 +51,7 @@ SURFACES: dict[str, dict[str, Any]] = {
 
 
 def scene(**changes: Any) -> Station:
-    base = Station.from_dict(
-        {
-            "part": {"length_mm": 60.0, "width_mm": 50.0},
-            "tunnel": {"height_mm": 30.0},
-            "camera": {"sampling_mm": 0.2},
-            "defects": DEFECTS,
-        }
-    )
-    return base.replace(**changes)
+    return part_with(DEFECTS, 0.2).replace(**changes)
 
 
 def truth(station: Station) -> Truth:
