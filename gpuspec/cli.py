@@ -6,19 +6,27 @@ import io
 import json
 import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from gpuspec import __version__
 from gpuspec.errors import GpuspecError
+from gpuspec.terminal import (
+    BackendOption,
+    DeviceOption,
+    FramesOption,
+    OutputOption,
+    PicturesOption,
+    SetOption,
+    StationArgument,
+    changed,
+    console,
+    progress,
+)
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from gpuspec.inspection import Result
     from gpuspec.station import Station
 
@@ -30,27 +38,10 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-BackendOption = Annotated[
-    str,
-    typer.Option(
-        "--backend", help="auto, opencl, opengl, vulkan or numpy; a named one is never swapped."
-    ),
-]
-DeviceOption = Annotated[
-    str | None, typer.Option("--device", help="Part of a device's name, or its number.")
-]
-OutputOption = Annotated[Path, typer.Option("-o", "--output", help="Folder for the results.")]
-FramesOption = Annotated[bool, typer.Option("--frames", help="Write every image of the sequence.")]
-PicturesOption = Annotated[bool, typer.Option("--pictures/--no-pictures", help="Draw pictures.")]
-SetOption = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Change a key, e.g. tunnel.dark_mm=8."),
-]
-
 
 @app.command()
 def simulate(
-    station: Annotated[Path, typer.Argument(help="Station file (TOML).")],
+    station: StationArgument,
     output: OutputOption = Path("run"),
     backend: BackendOption = "auto",
     device: DeviceOption = None,
@@ -61,7 +52,7 @@ def simulate(
     """Simulate a station: trace, aspect image, segmentation, score, pictures."""
     from gpuspec.station import Station
 
-    _run(_changed(Station.read(station), change), output, backend, device, frames, pictures)
+    _run(changed(Station.read(station), change), output, backend, device, frames, pictures)
 
 
 @app.command()
@@ -77,12 +68,12 @@ def demo(
     """Simulate a station that comes with gpuspec."""
     from gpuspec.stationfile import example
 
-    _run(_changed(example(name), change), output, backend, device, frames, pictures)
+    _run(changed(example(name), change), output, backend, device, frames, pictures)
 
 
 @app.command()
 def prototype(
-    station: Annotated[Path, typer.Argument(help="Station file (TOML).")],
+    station: StationArgument,
     pattern: Annotated[
         str, typer.Option("--pattern", help="GLSL file, or the name of a shipped pattern.")
     ],
@@ -106,7 +97,7 @@ def prototype(
     from gpuspec.report import output_folder
     from gpuspec.station import Station
 
-    described = _changed(Station.read(station), change)
+    described = changed(Station.read(station), change)
 
     def render() -> None:
         light = Pattern.read(pattern)
@@ -183,7 +174,7 @@ def devices() -> None:
                 entry.backend, f"{entry.number}: {info.device}", info.driver, info.version,
                 entry.remark,
             )  # fmt: skip
-    _console().print(table)
+    console().print(table)
 
 
 def _version(asked: bool) -> None:
@@ -201,45 +192,16 @@ def _options(
     pass
 
 
-def _changed(station: Station, changes: list[str] | None) -> Station:
-    """Apply KEY=VALUE changes; values are TOML."""
-    import tomllib
-
-    from gpuspec.errors import StationError
-
-    values: dict[str, Any] = {}
-    for change in changes or ():
-        key, equals, value = change.partition("=")
-        if not equals:
-            raise StationError(f"--set {change}: write it as KEY=VALUE, e.g. tunnel.dark_mm=8.")
-        try:
-            values[key.strip()] = tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
-            values[key.strip()] = value.strip()
-        except RecursionError:
-            raise StationError(f"--set {key}: the value is nested too deeply.") from None
-    return station.replace(**values) if values else station
-
-
 def _run(
     station: Station, output: Path, backend: str, device: str | None, frames: bool, pictures: bool
 ) -> None:
     from gpuspec.inspection import simulate
     from gpuspec.report import output_folder, write_files
 
-    with output_folder(output) as partial, _progress() as tell:
+    with output_folder(output) as partial, progress() as tell:
         result = simulate(station, backend, device, tell)
         write_files(result, partial, frames=frames, pictures=pictures, progress=tell)
     _summarise(result, output, backend == "auto")
-
-
-@contextmanager
-def _progress() -> Iterator[Any]:
-    """Say on the terminal what is being done; silent where nobody watches."""
-    from rich.text import Text
-
-    with _console(stderr=True).status("starting") as status:
-        yield lambda text: status.update(Text(text))
 
 
 def _summarise(result: Result, output: Path, chosen: bool) -> None:
@@ -250,8 +212,8 @@ def _summarise(result: Result, output: Path, chosen: bool) -> None:
 
     score = result.score
     rows, columns = result.station.shape
-    console = _console()
-    console.print(
+    out = console()
+    out.print(
         Text.assemble(
             (result.station.file, "bold"),
             f": {columns} x {rows} pixels, {result.station.sequence.images} images, {result.info}",
@@ -271,22 +233,15 @@ def _summarise(result: Result, output: Path, chosen: bool) -> None:
     table.add_row("blobs", f"{score.blobs}", f"{score.false_blobs} false")
     flawless = f"flawless {result.flawless_dn:.1f} DN"
     table.add_row("threshold", f"{result.threshold:.1f} DN", flawless)
-    console.print(table)
+    out.print(table)
     confusion = Table("known \\ found", *result.confusion.columns, title="classes")
     for row, counts in zip(result.confusion.rows, result.confusion.counts, strict=True):
         confusion.add_row(row, *map(str, counts))
     if score.defects or score.blobs:
-        console.print(confusion)
+        out.print(confusion)
     for warning in result.warnings:
-        console.print(Text.assemble(("note: ", "yellow"), warning))
-    console.print(Text.assemble("results in ", (str(output), "bold")), soft_wrap=True)
-
-
-def _console(*, stderr: bool = False) -> Console:
-    """Return a terminal that prints names as they are: ``[a]`` and ``:b:`` mean nothing in them."""
-    from rich.console import Console
-
-    return Console(stderr=stderr, markup=False, emoji=False, highlight=False)
+        out.print(Text.assemble(("note: ", "yellow"), warning))
+    out.print(Text.assemble("results in ", (str(output), "bold")), soft_wrap=True)
 
 
 class _Stopped(BaseException):

@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 import os
+import signal
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
+from commandline import STATION, Command, Ran
 
+from gpuspec import cli
 from gpuspec.backends import BACKENDS, Backend, open_backend
 from gpuspec.errors import BackendError
 from gpuspec.opencl import OpenCLBackend
@@ -25,6 +32,37 @@ def device_backend(request: pytest.FixtureRequest) -> Backend:
 @pytest.fixture(scope="session")
 def opencl() -> OpenCLBackend:
     return OpenCLBackend()
+
+
+@pytest.fixture
+def gpuspec_(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> Iterator[Command]:
+    """The command in this process, in an empty folder with a station file."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    Path("s.toml").write_text(STATION, encoding="utf-8")
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def run(*arguments: object) -> Ran:
+        monkeypatch.setattr(sys, "argv", ["gpuspec", *map(str, arguments)])
+        code: Any = 0
+        try:
+            cli.main()
+        except SystemExit as stop:
+            code = stop.code or 0
+        return Ran(code, *capsys.readouterr())
+
+    yield run
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """An empty folder with a station file, for processes."""
+    (tmp_path / "s.toml").write_text(STATION, encoding="utf-8")
+    return tmp_path
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -10,12 +10,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
 import tifffile
+from commandline import PROGRAM, STATION, content, hidden, program, said
 
 import gpuspec
 from gpuspec import backends, cli, inspection, opencl, sources
@@ -24,95 +23,7 @@ from gpuspec.report import FILES
 from gpuspec.station import Station
 from gpuspec.stationfile import examples
 
-STATION = """
-[part]
-length_mm = 12.0
-width_mm = 6.0
-[camera]
-sampling_mm = 0.1
-[sequence]
-images = 5
-[[defects]]
-kind = "dent"
-x_mm = 2.0
-y_mm = -1.0
-diameter_mm = 0.8
-depth_um = 8.0
-"""
 COMMANDS = ("simulate", "demo", "prototype", "init", "schema", "devices")
-PROGRAM = [sys.executable, "-m", "gpuspec"]
-
-
-@dataclass(frozen=True)
-class Ran:
-    """What a command answered."""
-
-    code: int
-    out: str
-    err: str
-
-
-Command = Callable[..., Ran]
-
-
-@pytest.fixture
-def gpuspec_(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> Iterator[Command]:
-    """The command in this process, in an empty folder with a station file."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "200")
-    Path("s.toml").write_text(STATION, encoding="utf-8")
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-
-    def run(*arguments: object) -> Ran:
-        monkeypatch.setattr(sys, "argv", ["gpuspec", *map(str, arguments)])
-        code: Any = 0
-        try:
-            cli.main()
-        except SystemExit as stop:
-            code = stop.code or 0
-        return Ran(code, *capsys.readouterr())
-
-    yield run
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
-
-
-def program(*arguments: object, cwd: Path, **options: Any) -> Ran:
-    """The command as a process of its own."""
-    environment = {**os.environ, "COLUMNS": "200", **options.pop("env", {})}
-    done = subprocess.run(
-        [*PROGRAM, *map(str, arguments)], capture_output=True, text=True, cwd=cwd,
-        env=environment, errors="surrogateescape", **options,
-    )  # fmt: skip
-    return Ran(done.returncode, done.stdout, done.stderr)
-
-
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    """An empty folder with a station file, for processes."""
-    (tmp_path / "s.toml").write_text(STATION, encoding="utf-8")
-    return tmp_path
-
-
-def content(folder: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
-
-
-def hidden(folder: Path) -> list[Path]:
-    return list(folder.rglob(".gpuspec-*"))
-
-
-def said(ran: Ran) -> str:
-    """The one thing a failed command says: a sentence, and nothing else."""
-    assert ran.code == 1
-    assert ran.out == ""
-    assert "Traceback" not in ran.err
-    assert ran.err.startswith("error: ")
-    text = ran.err.removeprefix("error: ").rstrip("\n")
-    assert text.endswith((".", "?")), text
-    return text
 
 
 # ------------------------------------------------------------------------------------- commands

@@ -1,0 +1,69 @@
+"""What every command says and takes alike: options, changes to a station, terminal, progress."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from gpuspec.station import Station
+
+StationArgument = Annotated[Path, typer.Argument(help="Station file (TOML).")]
+BackendOption = Annotated[
+    str,
+    typer.Option(
+        "--backend", help="auto, opencl, opengl, vulkan or numpy; a named one is never swapped."
+    ),
+]
+DeviceOption = Annotated[
+    str | None, typer.Option("--device", help="Part of a device's name, or its number.")
+]
+OutputOption = Annotated[Path, typer.Option("-o", "--output", help="Folder for the results.")]
+FramesOption = Annotated[bool, typer.Option("--frames", help="Write every image of the sequence.")]
+PicturesOption = Annotated[bool, typer.Option("--pictures/--no-pictures", help="Draw pictures.")]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Change a key, e.g. tunnel.dark_mm=8."),
+]
+
+
+def changed(station: Station, changes: list[str] | None) -> Station:
+    """Apply KEY=VALUE changes; values are TOML."""
+    import tomllib
+
+    from gpuspec.errors import StationError
+
+    values: dict[str, Any] = {}
+    for change in changes or ():
+        key, equals, value = change.partition("=")
+        if not equals:
+            raise StationError(f"--set {change}: write it as KEY=VALUE, e.g. tunnel.dark_mm=8.")
+        try:
+            values[key.strip()] = tomllib.loads(f"value = {value}")["value"]
+        except tomllib.TOMLDecodeError:
+            values[key.strip()] = value.strip()
+        except RecursionError:
+            raise StationError(f"--set {key}: the value is nested too deeply.") from None
+    return station.replace(**values) if values else station
+
+
+@contextmanager
+def progress() -> Iterator[Any]:
+    """Say on the terminal what is being done; silent where nobody watches."""
+    from rich.text import Text
+
+    with console(stderr=True).status("starting") as status:
+        yield lambda text: status.update(Text(text))
+
+
+def console(*, stderr: bool = False) -> Console:
+    """Return a terminal that prints names as they are: ``[a]`` and ``:b:`` mean nothing in them."""
+    from rich.console import Console
+
+    return Console(stderr=stderr, markup=False, emoji=False, highlight=False)

@@ -1,0 +1,69 @@
+"""The command line as tests run it: in this process, or as a process of its own."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+STATION = """
+[part]
+length_mm = 12.0
+width_mm = 6.0
+[camera]
+sampling_mm = 0.1
+[sequence]
+images = 5
+[[defects]]
+kind = "dent"
+x_mm = 2.0
+y_mm = -1.0
+diameter_mm = 0.8
+depth_um = 8.0
+"""
+PROGRAM = [sys.executable, "-m", "gpuspec"]
+
+
+@dataclass(frozen=True)
+class Ran:
+    """What a command answered."""
+
+    code: int
+    out: str
+    err: str
+
+
+Command = Callable[..., Ran]
+
+
+def program(*arguments: object, cwd: Path, **options: Any) -> Ran:
+    """The command as a process of its own."""
+    environment = {**os.environ, "COLUMNS": "200", **options.pop("env", {})}
+    done = subprocess.run(
+        [*PROGRAM, *map(str, arguments)], capture_output=True, text=True, cwd=cwd,
+        env=environment, errors="surrogateescape", **options,
+    )  # fmt: skip
+    return Ran(done.returncode, done.stdout, done.stderr)
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def hidden(folder: Path) -> list[Path]:
+    return list(folder.rglob(".gpuspec-*"))
+
+
+def said(ran: Ran) -> str:
+    """The one thing a failed command says: a sentence, and nothing else."""
+    assert ran.code == 1
+    assert ran.out == ""
+    assert "Traceback" not in ran.err
+    assert ran.err.startswith("error: ")
+    text = ran.err.removeprefix("error: ").rstrip("\n")
+    assert text.endswith((".", "?")), text
+    return text
