@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.errors import BackendError
+from gpuspec.levels import LevelCounter, Levels, Sample, Zones, levels_of
 from gpuspec.patterns import Pattern
 from gpuspec.relief import Relief
 from gpuspec.station import Station
@@ -115,6 +116,18 @@ class LightMap(ABC):
     def closed_form(self, station: Station | None = None) -> Image:
         """Return the noise-free mean over whole periods in closed form, in DN, shape (M, N)."""
 
+    def counter(self, zones: Zones, sample: Sample | None = None) -> LevelCounter:
+        """Return what counts levels of the aspect image under many designs of this geometry.
+
+        Parameters
+        ----------
+        zones : Zones
+            Of the traced part.
+        sample : Sample, optional
+            Pixels that may stand for all those outside the zones; None: all are counted.
+        """
+        return _ImageCounter(self, zones)
+
     def aspect(self, station: Station | None = None) -> Image:
         """Return the aspect image in DN, shape (M, N), by the fastest exact way.
 
@@ -129,10 +142,34 @@ class LightMap(ABC):
         return self.mean(station)
 
 
+@dataclass(frozen=True)
+class _ImageCounter:
+    """Counts levels of aspect images brought home one by one: exact, whatever the sample."""
+
+    light_map: LightMap
+    zones: Zones
+
+    def count(self, stations: Sequence[Station]) -> Levels:
+        """See :meth:`gpuspec.levels.LevelCounter.count`."""
+        found = Levels.empty(len(stations), len(self.zones.sizes))
+        for i, station in enumerate(stations):
+            image = self.light_map.aspect(station)
+            found.put(np.intp(i), levels_of(image, self.zones, station.sensor.full_scale_dn))
+        return found
+
+
 class Backend(ABC):
-    """A device that traces stations."""
+    """A device that traces stations.
+
+    Attributes
+    ----------
+    info : DeviceInfo
+    memory_bytes : int
+        What light maps may take of its memory.
+    """
 
     info: DeviceInfo
+    memory_bytes: int = 1 << 30
 
     @abstractmethod
     def trace(self, station: Station, relief: Relief | None = None) -> LightMap:

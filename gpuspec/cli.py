@@ -13,6 +13,7 @@ import typer
 
 from gpuspec import __version__
 from gpuspec.errors import GpuspecError
+from gpuspec.studies import commands as studies
 from gpuspec.terminal import (
     BackendOption,
     DeviceOption,
@@ -37,6 +38,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+app.add_typer(studies.app, name="study")
 
 
 @app.command()

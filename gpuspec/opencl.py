@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from gpuspec.backends import FUSIONS, Backend, DeviceInfo, Image, chosen, failure
 from gpuspec.errors import BackendError
+from gpuspec.levels import Sample, Zones
+from gpuspec.opencl_levels import OpenCLCounter
 from gpuspec.parameters import design_block, geometry_block
 from gpuspec.relief import Relief, blocks, groove_records
 from gpuspec.sources import kernel_source
@@ -156,8 +158,8 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
     """A light map on an OpenCL device; rows are padded to whole vectors."""
 
     def __init__(self, backend: OpenCLBackend, station: Station, relief: Relief) -> None:
-        self._backend = backend
-        self._stride = -(-station.shape[1] // backend.width) * backend.width
+        self.backend = backend
+        self.stride = -(-station.shape[1] // backend.width) * backend.width
         self._sub_rays = station.camera.subsampling**2
         first, pieces = blocks(relief.grooves, station)
         records = map_records(relief.maps, station)
@@ -170,8 +172,8 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
             np.int32(len(records)),
             backend.constant(coefficients(relief.maps)),
         )
-        per_row = self._stride * (12 * self._sub_rays + 1 + 4 * len(FUSIONS))
-        largest = self._stride * 4 * max(self._sub_rays, len(FUSIONS))
+        per_row = self.stride * (12 * self._sub_rays + 1 + 4 * len(FUSIONS))
+        largest = self.stride * 4 * max(self._sub_rays, len(FUSIONS))
         budget = min(backend.memory_bytes, _TILE_BYTES_MAX)
         super().__init__(
             station, min(budget // per_row, backend.device.max_mem_alloc_size // largest)
@@ -179,16 +181,20 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
 
     def failures(self) -> AbstractContextManager[None]:
         """See :meth:`OpenCLBackend.failures`."""
-        return self._backend.failures()
+        return self.backend.failures()
+
+    def counter(self, zones: Zones, sample: Sample | None = None) -> OpenCLCounter:
+        """See :meth:`LightMap.counter`."""
+        return OpenCLCounter(self, zones, sample)
 
     def trace_tile(self, first_row: int, rows: int) -> PlanarTile:
         """See :meth:`TiledLightMap.trace_tile`."""
-        b = self._backend
-        plane = rows * self._stride
+        b = self.backend
+        plane = rows * self.stride
         light, footprint, irradiance = (b.empty(4 * plane * self._sub_rays) for _ in range(3))
         tile = PlanarTile(first_row, rows, light, footprint, irradiance, b.empty(plane))
         b.kernel("trace.cl", "trace")(
-            b.queue, (self._stride // b.width, rows), None,
+            b.queue, (self.stride // b.width, rows), None,
             tile.light, tile.footprint, tile.irradiance, tile.lost,
             *self._inputs, np.int32(first_row),
         )  # fmt: skip
@@ -209,27 +215,27 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
 
     def run_tile(self, tile: PlanarTile, what: str, station: Station, k: int, out: Image) -> None:
         """See :meth:`TiledLightMap.run_tile`."""
-        b = self._backend
-        grey = b.empty(4 * len(out) * tile.rows * self._stride)
+        b = self.backend
+        grey = b.empty(4 * len(out) * tile.rows * self.stride)
         self.enqueue(tile, what, b.constant(design_block(station)), k, grey)
         self._copy_home(out, grey)
 
     def enqueue(self, tile: PlanarTile, what: str, design: Any, k: int, grey: Any) -> None:
         """Start a kernel on a tile; its planes go to the buffer `grey`."""
-        b = self._backend
+        b = self.backend
         more = [np.int32(k)] if what == "image" else []
         b.kernel(*_KERNELS[what])(
-            b.queue, (self._stride // b.width, tile.rows), None,
+            b.queue, (self.stride // b.width, tile.rows), None,
             grey, tile.light, tile.footprint, tile.irradiance, design,
             np.int32(self._sub_rays), np.int32(tile.first_row), *more,
         )  # fmt: skip
 
     def _copy_home(self, out: NDArray[Any], buffer: Any) -> None:
         """Copy planes (..., rows, stride) of a buffer to out (..., rows, N)."""
-        b = self._backend
-        if out.flags.c_contiguous and out.shape[-1] == self._stride:
+        b = self.backend
+        if out.flags.c_contiguous and out.shape[-1] == self.stride:
             b.cl.enqueue_copy(b.queue, out, buffer)
             return
-        padded = np.empty((*out.shape[:-1], self._stride), out.dtype)
+        padded = np.empty((*out.shape[:-1], self.stride), out.dtype)
         b.cl.enqueue_copy(b.queue, padded, buffer)
         out[...] = padded[..., : out.shape[-1]]

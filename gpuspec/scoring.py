@@ -12,10 +12,11 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from gpuspec.segmentation import LabelImage, Mask, check_label_image, check_mask
 
-__all__ = ["Score", "score"]
+__all__ = ["Score", "misdetection", "overdetection", "score"]
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,24 @@ class Score:
         )
 
 
+def overdetection(hit_px: npt.ArrayLike, false_px: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """Return P1 = n_Z/(n_Z + n_0), 1 where n_0 is 0.
+
+    Parameters
+    ----------
+    hit_px, false_px : array_like
+        Detected pixels inside (n_Z) and outside (n_0) the zones.
+    """
+    hit, false = np.asarray(hit_px, np.float64), np.asarray(false_px, np.float64)
+    return np.where(false > 0, hit / np.maximum(hit + false, 1), 1.0)
+
+
+def misdetection(hit_px: npt.ArrayLike, zone_px: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """Return P2 = n_Z/N_Z, NaN where there is no pixel in a zone."""
+    hit, zone = np.asarray(hit_px, np.float64), np.asarray(zone_px, np.float64)
+    return np.where(zone > 0, hit / np.maximum(zone, 1), np.nan)
+
+
 def score(labels: LabelImage, truth: LabelImage, valid: Mask, defects: int) -> Score:
     """Compare the detected pixels with the zones of the true defects.
 
@@ -118,8 +137,8 @@ def score(labels: LabelImage, truth: LabelImage, valid: Mask, defects: int) -> S
 
     zone_px, hit_px = zone.size, int(defect_hit_px.sum())
     false_px = blob.size - hit_px
-    p1 = hit_px / (hit_px + false_px) if false_px else 1.0
-    p2 = hit_px / zone_px if zone_px else None
+    p1 = float(overdetection(hit_px, false_px))
+    p2 = float(misdetection(hit_px, zone_px)) if zone_px else None
     return Score(
         p1=p1,
         p2=p2,

@@ -7,6 +7,7 @@ Gorria) prints no camera distance, stripe width or image count.
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from functools import cached_property
 from pathlib import Path
@@ -168,6 +169,38 @@ class ClassRule(Section):
         return self
 
 
+class Sweep(Section):
+    """What `gpuspec sweep` varies; every other command leaves it alone."""
+
+    parts: int = Field(
+        1, ge=1, le=1000, description="random parts each design is tried on, from other seeds"
+    )
+    vary: dict[str, str | float | tuple[float, ...]] = Field(
+        {},
+        strict=False,
+        description='key = "FROM:TO:COUNT" or a list of values, the key in quotes: '
+        '"tunnel.luminous_mm" = "1:12:23"',
+    )
+
+
+_PLACE = re.compile(r"([^\[\]]+)((?:\[\d{1,6}\])*)")
+
+
+def places(path: str) -> list[str | int]:
+    """Return the steps of a dotted path; entries of lists count from 1 in it, from 0 here.
+
+    ``"defects[2].depth_um"`` gives ``["defects", 1, "depth_um"]``.
+    """
+    steps: list[str | int] = []
+    for part in path.split("."):
+        found = _PLACE.fullmatch(part)
+        if found is None:
+            return list(path.split("."))
+        steps.append(found[1])
+        steps += [int(number) - 1 for number in re.findall(r"\d+", found[2])]
+    return steps
+
+
 class Station(Section):
     """One inspection station, whole and valid.
 
@@ -190,6 +223,8 @@ class Station(Section):
     classes: tuple[ClassRule, ...] = Field(
         (), strict=False, description="classes of blobs; none: scratch, and dent or bump"
     )
+
+    sweep: Sweep | None = Field(None, description="what `gpuspec sweep` varies")
 
     _folder: Path = PrivateAttr(default_factory=Path.cwd)
     _file: str = PrivateAttr(default="station")
@@ -260,6 +295,8 @@ class Station(Section):
     def replace(self, /, **changes: Any) -> Station:
         """Return a station with values changed by dotted path, e.g. ``{"tunnel.dark_mm": 8.0}``.
 
+        Entries of lists count from 1: ``{"defects[2].depth_um": 3.0}``.
+
         Keyword names use ``__`` for the dot: ``replace(tunnel__dark_mm=8.0)``.
 
         Raises
@@ -268,20 +305,40 @@ class Station(Section):
             If the changed station is invalid.
         """
         data = self.as_dict()
-        for path, value in changes.items():
-            *sections, key = path.replace("__", ".").split(".")
-            target = data
-            for name in sections:
-                target = target.setdefault(name, {})
-                if not isinstance(target, dict):
-                    raise StationError(
-                        f"{self._file}: {path} cannot be changed: {name} is not a table of keys."
-                    )
-            if value is None:
+        for name, value in changes.items():
+            path = name.replace("__", ".")
+            *sections, key = places(path)
+            target: Any = data
+            for place in sections:
+                target = self._inside(target, place, path)
+            if isinstance(key, int):
+                self._inside(target, key, path)  # there must be such an entry
+                target[key] = value
+            elif not isinstance(target, dict):
+                raise StationError(
+                    f"{self._file}: {path} cannot be changed: {sections[-1]} is not a table of "
+                    f"keys."
+                )
+            elif value is None:
                 target.pop(key, None)
             else:
                 target[key] = value
         return type(self).from_dict(data, self._file, self._folder)
+
+    def _inside(self, target: Any, place: str | int, path: str) -> Any:
+        """Return what stands at a place of nested tables and lists; a missing table is made."""
+        if isinstance(place, int):
+            if not isinstance(target, list) or not 0 <= place < len(target):
+                raise StationError(f"{self._file}: {path} cannot be changed: no such entry.")
+            return target[place]
+        found = target.setdefault(place, {}) if isinstance(target, dict) else None
+        if isinstance(found, tuple):
+            found = target[place] = list(found)
+        if not isinstance(found, (dict, list)):
+            raise StationError(
+                f"{self._file}: {path} cannot be changed: {place} is not a table of keys."
+            )
+        return found
 
     def as_dict(self) -> dict[str, Any]:
         """Return nested plain values, keys with value none left out, as TOML holds them."""
@@ -338,6 +395,16 @@ class Station(Section):
 
     @model_validator(mode="after")
     def _possible(self) -> Station:
+        return self.possible()
+
+    def possible(self) -> Station:
+        """Return self if its sections fit together.
+
+        Raises
+        ------
+        ValueError
+            If they do not: what is wrong.
+        """
         part, tunnel, camera = self.part, self.tunnel, self.camera
         for axis, size in (("x", part.length_mm), ("y", part.width_mm)):
             radius = getattr(part, f"crown_radius_{axis}_mm")

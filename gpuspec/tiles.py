@@ -85,7 +85,7 @@ class TiledLightMap(LightMap, Generic[Tile]):
         """Number of tiles the part is done in."""
         return -(-self.station.shape[0] // self._tile_rows)
 
-    def _bands(self) -> Iterator[tuple[Tile, slice]]:
+    def bands(self) -> Iterator[tuple[Tile, slice]]:
         """Yield each tile and its rows."""
         total = self.station.shape[0]
         if self._kept:
@@ -98,7 +98,7 @@ class TiledLightMap(LightMap, Generic[Tile]):
     def _made(self, what: str, station: Station | None, planes: int = 1, k: int = 0) -> list[Image]:
         images = np.empty((planes, *self.station.shape), np.float32)
         with self.failures():
-            for tile, band in self._bands():
+            for tile, band in self.bands():
                 self.run_tile(tile, what, station or self.station, k, images[:, band])
         return list(images)
 
@@ -109,7 +109,7 @@ class TiledLightMap(LightMap, Generic[Tile]):
         light, footprint, irradiance = (np.empty(shape, np.float32) for _ in range(3))
         lost = np.empty((rows, columns), np.uint8)
         with self.failures():
-            for tile, band in self._bands():
+            for tile, band in self.bands():
                 maps = (light[:, band], footprint[:, band], irradiance[:, band])
                 self.read_tile(tile, maps, lost[band])
         return LightMapArrays(light, footprint, irradiance, lost)
@@ -118,7 +118,7 @@ class TiledLightMap(LightMap, Generic[Tile]):
         """See :meth:`LightMap.lost`."""
         lost = np.empty(self.station.shape, np.uint8)
         with self.failures():
-            for tile, band in self._bands():
+            for tile, band in self.bands():
                 self.read_tile(tile, None, lost[band])
         return lost
 

@@ -105,6 +105,7 @@ __kernel void trace(__global float *light, __global float *footprint, __global f
     int side = (int)g.camera.w;
     REAL reason = LOST_BESIDE;
     MASK seen = reason < 0.0f;
+    REAL dark = 0.0f; /* what pads a row to whole vectors sees no light */
     for (int i = 0; i < side * side; i++) {
         float sub_x = ((float)(i % side) + 0.5f) / g.camera.w;
         float sub_y = ((float)(i / side) + 0.5f) / g.camera.w;
@@ -129,7 +130,7 @@ __kernel void trace(__global float *light, __global float *footprint, __global f
         Sight v = sight(g, s, x0, y0, z);
         STORE(v.light, light, at + i * plane);
         STORE(v.footprint, footprint, at + i * plane);
-        STORE(v.irradiance, irradiance, at + i * plane);
+        STORE(column < g.image.x ? v.irradiance : dark, irradiance, at + i * plane);
         reason = (v.lost > reason ? v.lost : reason);
         seen = seen || v.lost == LOST_NOT;
     }

@@ -1,0 +1,159 @@
+"""The command `gpuspec study`. Each study is one call in Python, too."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from gpuspec.terminal import (
+    BackendOption,
+    DeviceOption,
+    OutputOption,
+    SetOption,
+    StationArgument,
+    changed,
+    console,
+    progress,
+)
+
+if TYPE_CHECKING:
+    from gpuspec.station import Station
+    from gpuspec.studies.outcome import Outcome
+
+app = typer.Typer(
+    help="Study a station: signature, height, coverage, tolerance; each a figure and a table.",
+    no_args_is_help=True,
+)
+
+DiameterOption = Annotated[
+    float | None, typer.Option("--diameter-mm", help="Of a dent to study, with --depth-um.")
+]
+DepthOption = Annotated[float | None, typer.Option("--depth-um", help="Of a dent to study.")]
+
+
+@app.command()
+def signature(
+    station: Annotated[Path | None, typer.Argument(help="Station file (TOML).")] = None,
+    output: OutputOption = Path("study"),
+    backend: BackendOption = "auto",
+    device: DeviceOption = None,
+    diameter_mm: DiameterOption = None,
+    depth_um: DepthOption = None,
+    change: SetOption = None,
+) -> None:
+    """Signature of a defect against its distance to the light transition."""
+    from gpuspec.studies import signature
+    from gpuspec.studies.deflection import described
+
+    described_station = _read(station, change) if station else None
+    if described_station is None and change:
+        from gpuspec.errors import StationError
+
+        raise StationError("--set changes a station; name a station file, too.")
+    dent = described(diameter_mm, depth_um)
+    _leave(
+        output,
+        "signature",
+        lambda _: signature.study(described_station, dent, backend=backend, device=device),
+    )
+
+
+@app.command()
+def height(
+    station: StationArgument,
+    output: OutputOption = Path("study"),
+    diameter_mm: DiameterOption = None,
+    depth_um: DepthOption = None,
+    change: SetOption = None,
+) -> None:
+    """Height against orientation: how far each moves the light point, over camera distance."""
+    from gpuspec.studies import height
+    from gpuspec.studies.deflection import described
+
+    read, dent = _read(station, change), described(diameter_mm, depth_um)
+    _leave(output, "height", lambda _: height.study(read, dent))
+
+
+@app.command()
+def coverage(
+    station: StationArgument,
+    output: OutputOption = Path("study"),
+    backend: BackendOption = "auto",
+    device: DeviceOption = None,
+    diameter_mm: DiameterOption = None,
+    depth_um: DepthOption = None,
+    change: SetOption = None,
+) -> None:
+    """Scan coverage: how near a transition comes to each point, and which are blind."""
+    from gpuspec.studies import coverage
+    from gpuspec.studies.deflection import described
+
+    read, dent = _read(station, change), described(diameter_mm, depth_um)
+    _leave(output, "coverage", lambda _: coverage.study(read, dent, backend, device))
+
+
+@app.command()
+def tolerance(
+    station: StationArgument,
+    output: OutputOption = Path("study"),
+    backend: BackendOption = "auto",
+    device: DeviceOption = None,
+    offset_mm: Annotated[
+        float, typer.Option("--offset-mm", help="Part aside and up, so far each way.")
+    ] = 1.0,
+    rotation_rad: Annotated[
+        float, typer.Option("--rotation-rad", help="Part about z, so far each way.")
+    ] = 0.05,
+    height_mm: Annotated[
+        float, typer.Option("--height-mm", help="Tunnel and camera, so far up and down.")
+    ] = 5.0,
+    reflectivity: Annotated[
+        float, typer.Option("--reflectivity", help="Relative change, up and down.")
+    ] = 0.3,
+    steps: Annotated[int, typer.Option("--steps", help="Values tried of each; odd.")] = 7,
+    change: SetOption = None,
+) -> None:
+    """Tolerance of a chosen design to pose, heights and reflectivity, its threshold held."""
+    from gpuspec.studies import tolerance
+
+    read = _read(station, change)
+    _leave(
+        output,
+        "tolerance",
+        lambda tell: tolerance.study(
+            read,
+            offset_mm=offset_mm,
+            rotation_rad=rotation_rad,
+            height_mm=height_mm,
+            reflectivity=reflectivity,
+            steps=steps,
+            backend=backend,
+            device=device,
+            progress=tell,
+        ),
+    )
+
+
+def _read(station: Path, change: list[str] | None) -> Station:
+    from gpuspec.station import Station
+
+    return changed(Station.read(station), change)
+
+
+def _leave(output: Path, name: str, study: Callable[[Any], Outcome]) -> None:
+    """Do a study, write its files into the folder, and say what it found."""
+    from gpuspec.report import output_folder
+    from gpuspec.studies.outcome import files
+
+    with output_folder(output, files(name)) as partial, progress() as tell:
+        outcome = study(tell)
+        tell("drawing")
+        outcome.write_files(partial)
+    out = console()
+    out.print(f"{outcome.station.file}, {name}: {outcome.info}", soft_wrap=True)
+    for finding in outcome.findings():
+        out.print(finding, soft_wrap=True)
+    out.print(f"{', '.join(files(name))} in {output}", soft_wrap=True)

@@ -1,0 +1,301 @@
+"""Height against orientation: how far each moves the light point, over the camera's distance.
+
+The paper takes the surface as flat and only oriented, having shown in its prototype that height is
+negligible beside orientation for a camera far away. Here that is a question, with an answer for
+each station.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpuspec.backends import DeviceInfo
+from gpuspec.errors import StationError
+from gpuspec.reference import NumpyBackend, ray_paths
+from gpuspec.relief import Relief
+from gpuspec.station import Station
+from gpuspec.studies.deflection import Dent, dents, without_defects
+from gpuspec.studies.outcome import Outcome, percent
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+NEGLIGIBLE = 0.05
+"""Ratio of the two movements up to which height is called negligible; our choice."""
+
+_NEAREST, _FARTHEST_MM = 1.05, 10_000.0
+_GRID = 101  # points across a dent, and across the part
+_PART_SEEN = 0.98  # of a crowned part: height moves the outermost rays beside it
+
+
+@dataclass(frozen=True)
+class Height(Outcome):
+    """How far height and orientation move the light point.
+
+    Attributes
+    ----------
+    station : Station
+    info : DeviceInfo
+        The float64 reference: float32 would lose the movement by height in rounding.
+    dent : Dent
+    place_mm : float
+        x of the dent's centre; y is 0.
+    camera_mm : ndarray, shape (n,)
+        Heights of the camera, the station's own among them.
+    by_slope_mm, by_height_mm : ndarray, shape (n,)
+        Greatest movement of the light point over the dent, on the light: by its slope alone, and
+        what its height adds.
+    slope_estimate_mm, height_estimate_mm : ndarray, shape (n,)
+        The same by the closed form.
+    shape_by_slope_mm, shape_by_height_mm : ndarray, shape (n,)
+        The same of the part's crown, over the whole part; 0 where it is flat.
+    """
+
+    name: ClassVar[str] = "height"
+
+    station: Station
+    info: DeviceInfo
+    dent: Dent
+    place_mm: float
+    camera_mm: Array
+    by_slope_mm: Array
+    by_height_mm: Array
+    slope_estimate_mm: Array
+    height_estimate_mm: Array
+    shape_by_slope_mm: Array
+    shape_by_height_mm: Array
+
+    @property
+    def crowned(self) -> bool:
+        """Whether the part has a shape of its own."""
+        return bool(self.shape_by_slope_mm.any())
+
+    @property
+    def ratio(self) -> Array:
+        """Movement of the dent by height over that by slope, shape (n,)."""
+        return self.by_height_mm / self.by_slope_mm
+
+    @property
+    def shape_ratio(self) -> Array:
+        """The same of the crown, shape (n,); 0 where the part is flat."""
+        flat = np.zeros_like(self.camera_mm)
+        by_slope = self.shape_by_slope_mm
+        ratio: Array = np.divide(self.shape_by_height_mm, by_slope, out=flat, where=by_slope > 0)
+        return ratio
+
+    @property
+    def _own(self) -> int:
+        return int(np.abs(self.camera_mm - self.station.camera.height_mm).argmin())
+
+    @property
+    def worst_ratio(self) -> Array:
+        """The greater of the dent's ratio and the crown's, shape (n,)."""
+        return np.maximum(self.ratio, self.shape_ratio)
+
+    @property
+    def negligible(self) -> bool:
+        """Whether the paper's claim holds for this station, for its dent and its crown."""
+        return bool(self.worst_ratio[self._own] <= NEGLIGIBLE)
+
+    @property
+    def negligible_from_mm(self) -> float | None:
+        """Height of the camera from which height is negligible at all greater ones; None: none."""
+        above = np.flatnonzero(self.worst_ratio > NEGLIGIBLE)
+        first = above[-1] + 1 if len(above) else 0
+        return float(self.camera_mm[first]) if first < len(self.camera_mm) else None
+
+    @property
+    def parallax_mm(self) -> float:
+        """How far on the part the dent's depth moves the point that a pixel sees."""
+        return self.dent.depth_mm * self.place_mm / self.station.camera.height_mm
+
+    def numbers(self) -> dict[str, Any]:
+        """See :meth:`Outcome.numbers`."""
+        own = self._own
+        return {
+            "diameter_mm": self.dent.diameter_mm,
+            "depth_um": self.dent.depth_um,
+            "place_mm": self.place_mm,
+            "camera_mm": float(self.camera_mm[own]),
+            "by_slope_mm": float(self.by_slope_mm[own]),
+            "by_height_mm": float(self.by_height_mm[own]),
+            "ratio": float(self.ratio[own]),
+            "shape_ratio": float(self.shape_ratio[own]) if self.crowned else None,
+            "parallax_mm": self.parallax_mm,
+            "negligible_up_to": NEGLIGIBLE,
+            "negligible": self.negligible,
+            "negligible_from_mm": self.negligible_from_mm,
+        }
+
+    def findings(self) -> tuple[str, ...]:
+        """See :meth:`Outcome.findings`."""
+        own, h = self._own, self.station.camera.height_mm
+        said = [
+            f"{self.dent}, {self.place_mm:.3g} mm off the axis, camera at {h:g} mm: the light "
+            f"point moves {self.by_slope_mm[own]:.3g} mm by slope and "
+            f"{self.by_height_mm[own]:.2g} mm by height, {percent(self.ratio[own])} of it. "
+            f"Height displaces what a pixel sees by {self.parallax_mm * 1e3:.2g} µm on the part, "
+            f"{self.parallax_mm / self.station.camera.sampling_mm:.2g} of a pixel."
+        ]
+        if self.crowned:
+            said.append(
+                f"The crown moves it {self.shape_by_slope_mm[own]:.3g} mm by slope and "
+                f"{self.shape_by_height_mm[own]:.2g} mm by height, "
+                f"{percent(self.shape_ratio[own])} of it."
+            )
+        verdict = "holds" if self.negligible else "does not hold"
+        far = self.negligible_from_mm
+        holds = (
+            "it holds at none of the camera heights tried"
+            if far is None
+            else f"it holds with the camera at {far:.3g} mm or higher"
+        )
+        said.append(
+            f"The paper's claim that height is negligible {verdict} for this station, "
+            f"{percent(NEGLIGIBLE)} of the movement by slope taken as the limit; {holds}."
+            + ("" if self.negligible else ' Use part.surface = "height".')
+        )
+        return tuple(said)
+
+    def table(self) -> tuple[tuple[str, ...], list[tuple[Any, ...]]]:
+        """See :meth:`Outcome.table`."""
+        columns = {
+            "camera_mm": self.camera_mm,
+            "by_slope_mm": self.by_slope_mm,
+            "by_height_mm": self.by_height_mm,
+            "ratio": self.ratio,
+            "slope_estimate_mm": self.slope_estimate_mm,
+            "height_estimate_mm": self.height_estimate_mm,
+        }
+        if self.crowned:
+            columns |= {
+                "shape_by_slope_mm": self.shape_by_slope_mm,
+                "shape_by_height_mm": self.shape_by_height_mm,
+                "shape_ratio": self.shape_ratio,
+            }
+        return tuple(columns), list(np.stack([*columns.values()], axis=1).tolist())
+
+    def figure(self) -> Figure:
+        """See :meth:`Outcome.figure`."""
+        from gpuspec.studies.drawing import height_picture
+
+        return height_picture(self)
+
+
+def study(station: Station, dent: Dent | None = None, distances: int = 31) -> Height:
+    """Compare how far height and orientation move the light point, over the camera's distance.
+
+    Rays are followed in float64 through the same points of the plane z = 0, to a part with the
+    dent's slopes alone (an orientation surface), to one with its height, and to a flawless one.
+    The dent lies at the end of the part's main axis, where the camera looks most aslant. A crown
+    is compared with a flat part, on its own. Measured relief is left out.
+
+    Parameters
+    ----------
+    station : Station
+    dent : Dent, optional
+        None: the one of the station's defects for which the closed form gives the largest ratio.
+    distances : int
+        Number of camera heights, from just above the tunnel to 10 m or more.
+
+    Returns
+    -------
+    Height
+
+    Raises
+    ------
+    StationError
+        If the station has no dent, bump or scratch, or no ray meets the light.
+    """
+    if distances < 2:
+        raise StationError(f"a curve over {distances} distances is none; ask for 2 or more.")
+    h, top = station.camera.height_mm, station.tunnel.top_mm
+    place = station.part.length_mm / 2
+    dent = dent or max(dents(station), key=lambda d: _ratio_estimate(d, top, h, place))
+    place = max(place - dent.diameter_mm / 2, 0.0)
+    nearest = min(_NEAREST * top, h)
+    camera = np.geomspace(nearest, max(_FARTHEST_MM, 4 * h), distances)
+    camera[np.abs(np.log(camera / h)).argmin()] = h
+    # Room for the rays that height moves beyond the part's end.
+    room = 10 * dent.diameter_mm
+    alone = dent.alone_on(
+        station.replace(
+            **{
+                "part.crown_radius_x_mm": None, "part.crown_radius_y_mm": None,
+                "part.length_mm": station.part.length_mm + room,
+                "part.width_mm": station.part.width_mm + room,
+            }
+        ),
+        place,
+    )  # fmt: skip
+    across = 4 * dent.sigma_mm * np.linspace(-1, 1, _GRID)
+    crowned = bool(station.part.crown_radius_x_mm or station.part.crown_radius_y_mm)
+    shape = without_defects(station)
+    x, y = (_PART_SEEN * size / 2 * np.linspace(-1, 1, _GRID)
+            for size in (station.part.length_mm, station.part.width_mm))  # fmt: skip
+    moved = [
+        (
+            *_moved(alone, height, place + across[None, :], across[:, None]),
+            _slope_estimate(dent, top),
+            _height_estimate(dent, top, height, place),
+            *(_moved(shape, height, x[None, :], y[:, None]) if crowned else (0.0, 0.0)),
+        )
+        for height in camera.tolist()
+    ]
+    return Height(station, NumpyBackend().info, dent, place, camera, *np.array(moved).T)
+
+
+def _moved(station: Station, camera_mm: float, x: Array, y: Array) -> tuple[float, float]:
+    """Return the greatest movement of the light point by a part's slopes, and by its height."""
+    light, seen = {}, np.ones(np.broadcast_shapes(x.shape, y.shape), bool)
+    flat: dict[str, Any] = {
+        "part.crown_radius_x_mm": None,
+        "part.crown_radius_y_mm": None,
+        "defects": [],
+    }
+    for name, changes in (
+        ("flat", flat),
+        ("orientation", {"part.surface": "orientation"}),
+        ("height", {"part.surface": "height"}),
+    ):
+        changed = station.replace(**{"camera.height_mm": camera_mm, **changes})
+        paths = ray_paths(changed, Relief.of(changed), *np.broadcast_arrays(x, y))
+        light[name] = paths.light[..., 0]
+        seen &= paths.lost == 0
+    if not seen.any():
+        raise StationError(
+            f"{station.file}: with the camera at {camera_mm:g} mm no ray from the part meets the "
+            f"light; the slopes are too steep."
+        )
+    by_slope = np.abs(light["orientation"] - light["flat"])[seen].max()
+    by_height = np.abs(light["height"] - light["orientation"])[seen].max()
+    return float(by_slope), float(by_height)
+
+
+def _slope_estimate(dent: Dent, top: float) -> float:
+    """2 H d / (sigma sqrt e)."""
+    return 2 * top * dent.slope
+
+
+def _height_estimate(dent: Dent, top: float, h: float, place: float) -> float:
+    """Greatest |2 z z' + 2 z (H z'' - 1) x / h| along the dent's row.
+
+    The ray through (x, 0) meets the surface at height z and x (1 - z/h), and goes up H - z from
+    there: l = x (1 - z/h) + (H - z)(x/h - 2 z'). To first order in z, that is what z adds to
+    l = x + H (x/h - 2 z').
+    """
+    u = np.linspace(-4, 4, 2001)
+    z = -dent.depth_mm * np.exp(-(u**2) / 2)
+    first, second = -z * u / dent.sigma_mm, z * (u**2 - 1) / dent.sigma_mm**2
+    field = (place + u * dent.sigma_mm) / h
+    return float(np.abs(2 * z * first + 2 * z * (top * second - 1) * field).max())
+
+
+def _ratio_estimate(dent: Dent, top: float, h: float, place: float) -> float:
+    return _height_estimate(dent, top, h, place) / _slope_estimate(dent, top)

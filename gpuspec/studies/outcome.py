@@ -1,0 +1,122 @@
+"""What a study leaves behind: a figure, a table, what it found, and where it was worked out."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from abc import ABC, abstractmethod
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from gpuspec import __version__
+from gpuspec.backends import DeviceInfo
+from gpuspec.station import Station
+from gpuspec.stationfile import to_toml
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+ENDINGS = (".png", ".csv", ".json", ".toml")
+"""A study writes its name with each of these."""
+
+
+class Outcome(ABC):
+    """What a study of a station found.
+
+    Attributes
+    ----------
+    name : str
+        Of the study, and of its files.
+    station : Station
+        The station studied.
+    info : DeviceInfo
+        Backend, device, driver and version that traced it.
+    """
+
+    name: ClassVar[str]
+    station: Station
+    info: DeviceInfo
+
+    @abstractmethod
+    def figure(self) -> Figure:
+        """Draw what was found."""
+
+    @abstractmethod
+    def table(self) -> tuple[tuple[str, ...], list[tuple[Any, ...]]]:
+        """Return the table's heads and rows; heads carry the unit."""
+
+    @abstractmethod
+    def findings(self) -> tuple[str, ...]:
+        """Say what was found, a sentence each."""
+
+    @abstractmethod
+    def numbers(self) -> dict[str, Any]:
+        """Return the figures behind the findings, keys with their unit."""
+
+    def _repr_png_(self) -> bytes:
+        """Show itself in a notebook."""
+        from gpuspec.figures import png
+
+        return png(self.figure())
+
+    def write(self, folder: str | Path) -> None:
+        """Write figure, table, findings and station, each under the study's name.
+
+        Parameters
+        ----------
+        folder : str or Path
+            Made if missing; files of the same study in it are replaced.
+
+        Raises
+        ------
+        OutputError
+            If the folder cannot be written or the disk is full; nothing is left half-written.
+        """
+        from gpuspec.report import output_folder
+
+        with output_folder(Path(folder), files(self.name)) as partial:
+            self.write_files(partial)
+
+    def write_files(self, folder: Path) -> None:
+        """Write the files straight into an existing folder; see :meth:`write`."""
+        from gpuspec.figures import png
+
+        figure, table, summary, station = (folder / name for name in files(self.name))
+        figure.write_bytes(png(self.figure()))
+        heads, rows = self.table()
+        with table.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(heads)
+            writer.writerows([_shown(value) for value in row] for row in rows)
+        said = {
+            "gpuspec": __version__,
+            **self.info.as_dict(),
+            "study": self.name,
+            "station": self.station.file,
+            **{key: _finite(value) for key, value in self.numbers().items()},
+            "findings": list(self.findings()),
+        }
+        summary.write_text(json.dumps(said, indent=2) + "\n", "utf-8")
+        station.write_text(to_toml(self.station, absolute=True), "utf-8")
+
+
+def files(name: str) -> tuple[str, ...]:
+    """Return what the study of this name writes."""
+    return tuple(name + ending for ending in ENDINGS)
+
+
+def percent(share: float) -> str:
+    """Return a share in percent, three digits."""
+    return f"{100 * share:.3g} %"
+
+
+def _shown(value: Any) -> Any:
+    if isinstance(value, float):
+        return "" if math.isnan(value) else f"{value:.6g}"
+    return value
+
+
+def _finite(value: Any) -> Any:
+    """Return a value that JSON knows: it has no infinity and no NaN."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value

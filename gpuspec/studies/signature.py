@@ -1,0 +1,211 @@
+"""The signature of a defect against its distance to the light transition: the paper's figure 7.
+
+One transition is moved away from a dent, image by image; the width of what the dent makes bright
+beside it is measured along the dent's row, and held against the closed form.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpuspec.backends import Backend, DeviceInfo, open_backend
+from gpuspec.errors import StationError
+from gpuspec.station import Station
+from gpuspec.studies.deflection import (
+    PIXELS_PER_SIGMA,
+    STEEP,
+    Dent,
+    hardest,
+    magnification,
+    signature_width,
+    strength,
+)
+from gpuspec.studies.outcome import Outcome, percent
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+_BEYOND = 1.15  # of the distance at which the signature vanishes
+
+
+@dataclass(frozen=True)
+class Signature(Outcome):
+    """Width of a dent's signature over the distance of one light transition.
+
+    Attributes
+    ----------
+    station : Station
+        The row of the dent as it was simulated: image k has the transition at the k-th distance.
+    info : DeviceInfo
+    dent : Dent
+    strength : float
+        A of the dent.
+    distance : ndarray, shape (K,)
+        Of the transition from the dent's centre, on the part, in sigmas.
+    closed_form, simulated : ndarray, shape (K,)
+        Width of the signature in sigmas, by the law and from the images.
+    """
+
+    name: ClassVar[str] = "signature"
+
+    station: Station
+    info: DeviceInfo
+    dent: Dent
+    strength: float
+    distance: Array
+    closed_form: Array
+    simulated: Array
+
+    @property
+    def vanishing(self) -> float:
+        """Distance near which the signature vanishes, A / sqrt e - 1, in sigmas; 0: never there."""
+        return max(self.strength / math.sqrt(math.e) - 1, 0.0)
+
+    @property
+    def largest_difference(self) -> float:
+        """Between images and law, in sigmas."""
+        return float(np.abs(self.simulated - self.closed_form).max())
+
+    def numbers(self) -> dict[str, Any]:
+        """See :meth:`Outcome.numbers`."""
+        return {
+            "diameter_mm": self.dent.diameter_mm,
+            "depth_um": self.dent.depth_um,
+            "strength": self.strength,
+            "vanishing_sigma": self.vanishing,
+            "vanishing_mm": self.vanishing * self.dent.sigma_mm,
+            "largest_difference_sigma": self.largest_difference,
+        }
+
+    def findings(self) -> tuple[str, ...]:
+        """See :meth:`Outcome.findings`."""
+        if not self.closed_form.any():
+            return (
+                f"{self.dent}: A = {self.strength:.3g}; too faint to show at any distance of a "
+                f"transition.",
+            )
+        gone = self.vanishing * self.dent.sigma_mm
+        return (
+            f"{self.dent}: A = {self.strength:.3g}; its signature is "
+            f"{percent(self.closed_form[0] / 4)} of its diameter at a transition and vanishes "
+            f"{gone:.3g} mm ({self.vanishing:.3g} sigma) from one.",
+            f"The images differ from the closed form by {self.largest_difference:.3f} sigma at "
+            f"most; a pixel is {1 / PIXELS_PER_SIGMA:g} sigma.",
+        )
+
+    def table(self) -> tuple[tuple[str, ...], list[tuple[Any, ...]]]:
+        """See :meth:`Outcome.table`."""
+        heads = ("distance_sigma", "distance_mm", "closed_form_sigma", "simulated_sigma",
+                 "closed_form_percent", "simulated_percent")  # fmt: skip
+        columns = (
+            self.distance,
+            self.distance * self.dent.sigma_mm,
+            self.closed_form,
+            self.simulated,
+            self.closed_form * 25,
+            self.simulated * 25,
+        )
+        return heads, list(np.stack(columns, axis=1).tolist())
+
+    def figure(self) -> Figure:
+        """See :meth:`Outcome.figure`."""
+        from gpuspec.studies.drawing import signature_picture
+
+        return signature_picture(self)
+
+
+def study(
+    station: Station | None = None,
+    dent: Dent | None = None,
+    distances: int = 41,
+    backend: str | Backend = "auto",
+    device: str | None = None,
+) -> Signature:
+    """Measure a dent's signature while one light transition moves away from it.
+
+    Parameters
+    ----------
+    station : Station, optional
+        Tunnel, camera and crown are taken from it; None: a tunnel at 100 mm, a camera at 800 mm.
+    dent : Dent, optional
+        None: the station's defect that shows from the least distance, or without a station one
+        of 1 mm, 10 µm deep.
+    distances : int
+        Number of distances, from 0 to a little beyond where the signature vanishes.
+    backend, device
+        As for :func:`gpuspec.simulate`.
+
+    Returns
+    -------
+    Signature
+
+    Raises
+    ------
+    StationError
+        If the station has no dent, bump or scratch, or the dent is larger than the part or too
+        steep for the law.
+    BackendError
+        If the backend is absent or fails.
+    """
+    if station is None:
+        station = Station.from_dict({"tunnel": {"height_mm": 100.0}}, "default station")
+        dent = dent or Dent(1.0, 10.0)
+    dent = dent or hardest(station)
+    if distances < 2:
+        raise StationError(f"a curve over {distances} distances is none; ask for 2 or more.")
+    row = moved_transition(station, dent, distances)
+    engine = open_backend(backend, device) if isinstance(backend, str) else backend
+    light_map = engine.trace(row)
+    p, sigma = row.camera.sampling_mm, dent.sigma_mm
+    columns = row.shape[1]
+    u = (np.arange(columns) + 0.5 - columns / 2) * p / sigma
+    distance: Array = np.arange(distances, dtype=np.float64) * row.step_mm
+    distance /= magnification(station) * sigma
+    half = row.sensor.full_scale_dn / 2
+    bright = [light_map.image(k)[0] > half for k in range(distances)]
+    lit = [(u < far) & image for far, image in zip(distance, bright, strict=True)]
+    width: Array = np.count_nonzero(lit, axis=1) * p / sigma
+    force = strength(dent, station)
+    law = signature_width(distance, force)
+    return Signature(row, engine.info, dent, force, distance, law, width)
+
+
+def moved_transition(station: Station, dent: Dent, distances: int) -> Station:
+    """Return one row of pixels across a dent, under two stripes wider than all it shows.
+
+    Image k of its sequence has the transition, dark to luminous, at the k-th distance. The sensor
+    does not saturate, so that half of full scale is where the transition passes.
+    """
+    sigma, along = dent.sigma_mm, magnification(station)
+    if dent.slope > STEEP:
+        raise StationError(
+            f"a {dent} has slopes up to {dent.slope:.2g}; the law is for small slopes, up to "
+            f"{STEEP:g}: give a shallower or wider one."
+        )
+    force = strength(dent, station)
+    far = _BEYOND * max(force / math.sqrt(math.e) - 1, 1.0)
+    half_row = math.sqrt(2 * math.log(max(force, math.e))) + 1
+    if half_row * sigma > station.part.length_mm / 2:
+        raise StationError(
+            f"{station.file}: a {dent} does not fit on part.length_mm = "
+            f"{station.part.length_mm:g}; give a smaller one."
+        )
+    stripe = 4 * (far + half_row) * sigma * along
+    return dent.alone_on(station).replace(
+        **{
+            "part.material": "ideal", "part.roughness_rad": 0.0,
+            "tunnel.luminous_mm": stripe, "tunnel.dark_mm": stripe, "tunnel.dark_leak": 0.0,
+            "camera.pupil_mm": 0.0, "camera.vignetting": "none",
+            "camera.columns": 2 * math.ceil(half_row * PIXELS_PER_SIGMA),
+            "sensor.exposure": 1.0, "sensor.noise": False,
+            "sequence.images": distances, "sequence.lag": 1,
+            "sequence.step_mm": far * sigma * along / (distances - 1),
+        }
+    )  # fmt: skip

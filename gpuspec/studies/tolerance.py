@@ -1,0 +1,264 @@
+"""Tolerance of a chosen design to the part's pose, to heights and to reflectivity.
+
+One thing at a time is moved away from what the design was chosen for. The threshold is the
+design's own, taken once at nominal and held; the part keeps its defects.
+
+What can move, and what the model cannot say, stands in `gpuspec.studies.movements`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpuspec.backends import BESIDE, Backend, DeviceInfo, open_backend
+from gpuspec.errors import StationError
+from gpuspec.inspection import Progress, Traced, inspect, trace
+from gpuspec.parameters import MATERIALS
+from gpuspec.scoring import Score, score
+from gpuspec.station import Station
+from gpuspec.studies.movements import frozen, movements
+from gpuspec.studies.outcome import Outcome
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Perturbation:
+    """One thing moved away from nominal, and the score at each value of it.
+
+    Attributes
+    ----------
+    name, unit : str
+        What is moved, and in which unit; materials have none.
+    values : tuple of float, or of str
+        How far.
+    nominal : int
+        Which of them is nominal: 0, or the station's own material.
+    scores : tuple of Score
+        One for each value.
+    """
+
+    name: str
+    unit: str
+    values: tuple[float, ...] | tuple[str, ...]
+    nominal: int
+    scores: tuple[Score, ...]
+
+    @property
+    def p1(self) -> Array:
+        """Overdetection, shape (n,)."""
+        return np.array([found.p1 for found in self.scores])
+
+    @property
+    def p2(self) -> Array:
+        """Misdetection, shape (n,); NaN where no zone is seen."""
+        return np.array([math.nan if s.p2 is None else s.p2 for s in self.scores])
+
+    @property
+    def hit(self) -> Array:
+        """Share of the defects hit, shape (n,)."""
+        return np.array([found.defects_hit / found.defects for found in self.scores])
+
+    def worst(self, quality: Array) -> str:
+        """Return the least of a quality, and where it is."""
+        index = int(np.nanargmin(quality))
+        value = self.values[index]
+        where = value if isinstance(value, str) else f"{value:+.3g} {self.unit}"
+        return f"{quality[index]:.3f} ({where})"
+
+
+@dataclass(frozen=True)
+class Tolerance(Outcome):
+    """How a design's score holds when what it was chosen for changes.
+
+    Attributes
+    ----------
+    station : Station
+        The design, its populations placed and its threshold resolved.
+    info : DeviceInfo
+    nominal : Score
+    perturbations : tuple of Perturbation
+    """
+
+    name: ClassVar[str] = "tolerance"
+
+    station: Station
+    info: DeviceInfo
+    nominal: Score
+    perturbations: tuple[Perturbation, ...]
+
+    @property
+    def threshold_dn(self) -> float:
+        """Grey level held throughout."""
+        return float(self.station.segmentation.threshold)
+
+    def numbers(self) -> dict[str, Any]:
+        """See :meth:`Outcome.numbers`."""
+        least = {
+            p.name: {
+                "p1": float(p.p1.min()),
+                "p2": float(np.nanmin(p.p2)),
+                "defects_hit": min(found.defects_hit for found in p.scores),
+            }
+            for p in self.perturbations
+        }
+        return {
+            "threshold_dn": self.threshold_dn,
+            "nominal": self.nominal.as_dict(),
+            "least": least,
+        }
+
+    def findings(self) -> tuple[str, ...]:
+        """See :meth:`Outcome.findings`."""
+        nominal = self.nominal
+        said = [
+            f"Nominal: P1 {nominal.p1:.3f}, P2 {nominal.p2:.3f}, {nominal.defects_hit} of "
+            f"{nominal.defects} defects hit, at the threshold of {self.threshold_dn:.5g} DN that "
+            f"is held."
+        ]
+        for p in self.perturbations:
+            fewest = min(found.defects_hit for found in p.scores)
+            values = p.values
+            span = "" if not p.unit else f" from {values[0]:+.3g} to {values[-1]:+.3g} {p.unit}"
+            said.append(
+                f"{p.name.capitalize()}{span}: P1 at least {p.worst(p.p1)}, P2 at least "
+                f"{p.worst(p.p2)}, at least {fewest} of {nominal.defects} defects hit."
+            )
+        return tuple(said)
+
+    def table(self) -> tuple[tuple[str, ...], list[tuple[Any, ...]]]:
+        """See :meth:`Outcome.table`."""
+        heads = ("perturbation", "value", "unit", "p1", "p2", "f1", "defects_hit", "defects",
+                 "false_blobs")  # fmt: skip
+        rows = [
+            (p.name, value, p.unit, s.p1, s.p2, s.f1, s.defects_hit, s.defects, s.false_blobs)
+            for p in self.perturbations
+            for value, s in zip(p.values, p.scores, strict=True)
+        ]
+        return heads, rows
+
+    def figure(self) -> Figure:
+        """Draw P1, P2 and the share of defects hit against each perturbation."""
+        from gpuspec.studies.drawing import tolerance_picture
+
+        return tolerance_picture(self)
+
+
+def study(
+    station: Station,
+    *,
+    offset_mm: float = 1.0,
+    rotation_rad: float = 0.05,
+    height_mm: float = 5.0,
+    reflectivity: float = 0.3,
+    steps: int = 7,
+    backend: str | Backend = "auto",
+    device: str | None = None,
+    progress: Progress | None = None,
+) -> Tolerance:
+    """Score a design while pose, heights and reflectivity move away from nominal.
+
+    Parameters
+    ----------
+    station : Station
+        The design, e.g. the best of a sweep.
+    offset_mm : float
+        The part is moved so far aside along x and y, and up and down.
+    rotation_rad : float
+        The part is turned so far about z.
+    height_mm : float
+        Tunnel and camera are moved so far up and down.
+    reflectivity : float
+        Its relative change, which is that of the exposure. Every material is tried, too.
+    steps : int
+        Values tried of each, nominal in the middle; odd.
+    backend, device, progress
+        As for :func:`gpuspec.simulate`.
+
+    Returns
+    -------
+    Tolerance
+
+    Raises
+    ------
+    StationError
+        If the part has no defect in view, so that P2 is undefined, a value is impossible, or a
+        moved station is.
+    BackendError
+        If the backend is absent or fails.
+    """
+    _check(offset_mm, rotation_rad, height_mm, reflectivity, steps)
+    engine = open_backend(backend, device) if isinstance(backend, str) else backend
+    tell = progress or (lambda _: None)
+    design, nominal, traced = _nominal(station, engine, tell)
+    middle = steps // 2
+    spread = np.linspace(-1, 1, steps)
+    reach = {"offset": offset_mm, "rotation": rotation_rad, "height": height_mm}
+    found = []
+    for name, unit, kind, moved in movements(design):
+        tell(f"moving the {name}")
+        values = (reach[kind] * spread).tolist()
+        scores = [_score(trace(moved(design, value), engine)) for value in values]
+        found.append(Perturbation(name, unit, tuple(values), middle, tuple(scores)))
+    tell("changing reflectivity")
+    values = (reflectivity * spread).tolist()
+    # Exposure and reflectivity are one factor of the signal: the light map stays as it is.
+    exposures = [design.sensor.exposure * (1 + value) for value in values]
+    scores = [_score(traced, design.replace(**{"sensor.exposure": e})) for e in exposures]
+    percents = tuple(100 * value for value in values)
+    found.append(Perturbation("reflectivity", "%", percents, middle, tuple(scores)))
+    tell("changing material")
+    names = tuple(MATERIALS)
+    scores = [_score(trace(design.replace(**{"part.material": m}), engine)) for m in names]
+    own = names.index(design.part.material)
+    found.append(Perturbation("material", "", names, own, tuple(scores)))
+    return Tolerance(design, engine.info, nominal, tuple(found))
+
+
+def _nominal(station: Station, engine: Backend, tell: Progress) -> tuple[Station, Score, Traced]:
+    """Return the design with its part and its threshold fixed, its score, and it traced."""
+    tell("placing defects")
+    design = frozen(station)
+    traced = trace(design, engine, progress=tell)
+    if not traced.truth.labels[traced.lost != BESIDE].any():
+        raise StationError(
+            f"{station.file} has no defect in view: P2 is undefined, and there is nothing to "
+            f"lose; add [[defects]] or [[populations]]."
+        )
+    threshold = traced.result().threshold
+    if threshold >= design.sensor.full_scale_dn:
+        raise StationError(
+            f"{station.file}: the automatic threshold, {threshold:.0f} DN, is beyond full scale "
+            f"and detects nothing; set segmentation.threshold to a grey level."
+        )
+    design = design.replace(**{"segmentation.threshold": threshold})
+    return design, _score(traced, design), traced
+
+
+def _score(traced: Traced, station: Station | None = None) -> Score:
+    """Score a traced station, or another of the same geometry, at its own threshold."""
+    station = station or traced.station
+    on_part = traced.lost != BESIDE
+    found = inspect(traced.light_map.aspect(station), on_part, station, traced.lost == 0)
+    return score(found.labels, traced.truth.labels, on_part, len(traced.truth.defects))
+
+
+def _check(offset: float, rotation: float, height: float, reflectivity: float, steps: int) -> None:
+    for name, value, largest in (
+        ("offset_mm", offset, 1e3), ("rotation_rad", rotation, math.pi),
+        ("height_mm", height, 1e4), ("reflectivity", reflectivity, 0.99),
+    ):  # fmt: skip
+        if not 0 < value <= largest:
+            raise StationError(
+                f"{name} = {value:g} must be greater than 0 and at most {largest:.3g}."
+            )
+    if steps < 3 or steps % 2 == 0:
+        raise StationError(f"steps = {steps} must be odd, so that nominal is among them, and >= 3.")

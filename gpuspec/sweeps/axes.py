@@ -1,0 +1,187 @@
+"""What a sweep varies: keys of the station file, each over a range or a list of values."""
+
+from __future__ import annotations
+
+import math
+import types
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+import numpy as np
+from pydantic import BaseModel
+
+from gpuspec.defects import Distribution
+from gpuspec.errors import StationError
+from gpuspec.station import Station, places
+
+DESIGN_SECTIONS = ("sensor", "sequence")
+DESIGN_KEYS = ("tunnel.luminous_mm", "tunnel.dark_mm", "tunnel.dark_leak")
+"""Keys that leave the light map as it is."""
+
+VALUES_MAX = 1_000_000
+_HOW = "write FROM:TO:COUNT, e.g. 1:12:23, or values, e.g. 1,2,4"
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One key and the values it takes, in rising order or as listed.
+
+    Attributes
+    ----------
+    key : str
+        Dotted path in the station file.
+    values : tuple of float or int
+    """
+
+    key: str
+    values: tuple[float | int, ...]
+
+    @property
+    def retraces(self) -> bool:
+        """Whether another value needs another light map."""
+        return not (self.key in DESIGN_KEYS or self.key.split(".")[0] in DESIGN_SECTIONS)
+
+
+def axis(station: Station, key: str, given: str | float | Sequence[float]) -> Axis:
+    """Return an axis from what a station file or a command says.
+
+    Parameters
+    ----------
+    station : Station
+        Whose key it is.
+    key : str
+        Dotted path, e.g. ``"tunnel.luminous_mm"`` or ``"defects[1].depth_um"``.
+    given : str, number or list of numbers
+        ``"1:12:23"``: 23 values from 1 to 12 in equal steps; ``"1,2,4"`` or a list: these.
+
+    Raises
+    ------
+    StationError
+        Unknown or non-numeric key; empty, reversed or unreadable range.
+    """
+    whole = _takes_whole_numbers(station, key)
+    values = _range(key, given) if isinstance(given, str) and ":" in given else _list(key, given)
+    if len(set(values)) < len(values):
+        raise StationError(f"{key}: a value stands twice in {_shown(given)}; name it once.")
+    if not whole:
+        return Axis(key, tuple(values))
+    for value in values:
+        if abs(value - round(value)) > 1e-9 * max(abs(value), 1):
+            raise StationError(
+                f"{key} takes whole numbers, and {_shown(given)} gives {value:g}; choose FROM, TO "
+                f"and COUNT so that the step is whole, or list the values."
+            )
+    return Axis(key, tuple(round(value) for value in values))
+
+
+def vary_option(text: str) -> tuple[str, str]:
+    """Split ``KEY=RANGE`` as ``--vary`` takes it.
+
+    Raises
+    ------
+    StationError
+        If it has another form.
+    """
+    key, equals, given = text.partition("=")
+    if not equals or not key.strip() or not given.strip():
+        raise StationError(
+            f"--vary {text}: write KEY=FROM:TO:COUNT, e.g. tunnel.luminous_mm=1:12:23, or "
+            f"KEY=VALUE,VALUE."
+        )
+    return key.strip(), given.strip()
+
+
+def _range(key: str, given: str) -> list[float]:
+    parts = given.split(":")
+    try:
+        low, high = (float(part) for part in parts[:2])
+        count = int(parts[2]) if len(parts) == 3 else -1
+        if len(parts) != 3 or not (math.isfinite(low) and math.isfinite(high)):
+            raise ValueError
+    except ValueError:
+        raise StationError(f"{key}: {_shown(given)} is not a range; {_HOW}.") from None
+    if count < 1:
+        raise StationError(f"{key}: {_shown(given)} is empty: COUNT must be at least 1; {_HOW}.")
+    if count > VALUES_MAX:
+        raise StationError(
+            f"{key}: {_shown(given)} has {count:,} values, more than {VALUES_MAX:,}; nothing could "
+            f"hold a sweep of them."
+        )
+    if low > high:
+        raise StationError(
+            f"{key}: {_shown(given)} is reversed; write {parts[1]}:{parts[0]}:{count}."
+        )
+    if (count == 1 and low != high) or (count > 1 and low == high):
+        raise StationError(
+            f"{key}: {_shown(given)} asks for {count} value(s) from {low:g} to {high:g}; {_HOW}."
+        )
+    # Rounded, so that 0.1 steps are written 0.3 and not 0.30000000000000004.
+    return [float(f"{value:.12g}") for value in np.linspace(low, high, count)]
+
+
+def _list(key: str, given: str | float | Sequence[float]) -> list[float]:
+    entries = given.split(",") if isinstance(given, str) else given
+    entries = [entries] if isinstance(entries, (int, float)) else entries
+    values = []
+    for entry in entries:
+        try:
+            if isinstance(entry, bool):
+                raise ValueError
+            values.append(float(entry))
+        except (TypeError, ValueError):
+            raise StationError(
+                f"{key}: {_shown(given)} is not a list of numbers; {_HOW}."
+            ) from None
+        if not math.isfinite(values[-1]):
+            raise StationError(f"{key}: {_shown(given)} holds {entry}; only finite numbers can be.")
+    if not values:
+        raise StationError(f"{key}: the list of values is empty; {_HOW}.")
+    return values
+
+
+def _shown(given: object) -> str:
+    text = str(given)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _takes_whole_numbers(station: Station, key: str) -> bool:
+    """Whether a numeric key takes whole numbers only; raises if it is none, or not numeric."""
+    if key.split(".")[0] == "segmentation":
+        raise StationError(
+            f"{key} is not varied: a sweep scores every design at all 256 thresholds, without a "
+            f"size filter."
+        )
+    found: Any = station
+    kind: Any = type(station)
+    for place in places(key):
+        if isinstance(place, int):
+            found = found[place] if isinstance(found, tuple) and place < len(found) else None
+            kind = type(found)
+            if found is None:
+                raise StationError(f"{station.file}: there is no {key} to vary.")
+            continue
+        models = [m for m in _parts(kind) if isinstance(m, type) and issubclass(m, BaseModel)]
+        field = next((m.model_fields[place] for m in models if place in m.model_fields), None)
+        if field is None:
+            # The station's own validation knows what to say of a key that is not there.
+            station.replace(**{key: 0.0})
+            raise StationError(f"{station.file}: {key} is not a number that can be varied.")
+        found, kind = getattr(found, place, None), field.annotation
+    kinds = _parts(kind)
+    if int in kinds and float not in kinds:
+        return True
+    if float in kinds or any(isinstance(k, type) and issubclass(k, Distribution) for k in kinds):
+        return False
+    raise StationError(f"{station.file}: {key} is not a number, so it cannot be varied.")
+
+
+def _parts(annotation: Any) -> list[Any]:
+    """Return the types a field may hold: those of a union, without what annotates them."""
+    if get_origin(annotation) is Annotated:
+        return _parts(get_args(annotation)[0])
+    if get_origin(annotation) is Literal:
+        return [type(choice) for choice in get_args(annotation)]
+    if get_origin(annotation) in (Union, types.UnionType):
+        return [part for argument in get_args(annotation) for part in _parts(argument)]
+    return [annotation]

@@ -1,0 +1,104 @@
+"""Which threshold, and which design, is the best."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpuspec.errors import StationError
+
+Goal = Literal["p1", "p2", "f1"]
+GOALS: tuple[Goal, ...] = ("p1", "p2", "f1")
+
+
+def f1_of(p1: NDArray[np.float64], p2: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return 2 P1 P2/(P1 + P2), 0 where both are 0."""
+    return 2 * p1 * p2 / np.maximum(p1 + p2, np.finfo(float).tiny)
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What is asked of a design, the first things first.
+
+    By default, in the paper's spirit: all defects hit, P2 above a floor, then the highest P1. What
+    no threshold fulfils is fulfilled as far as can be.
+
+    Attributes
+    ----------
+    goal : "p1", "p2" or "f1"
+        What is to be highest.
+    p2_floor, p1_floor : float
+        Least P2 and P1.
+    hit_share : float
+        Least share of the defects that must be hit.
+    """
+
+    goal: Goal = "p1"
+    p2_floor: float = 0.5
+    p1_floor: float = 0.0
+    hit_share: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.goal not in GOALS:
+            raise StationError(f"the goal {self.goal!r} is not known; choose {', '.join(GOALS)}.")
+        for name in ("p2_floor", "p1_floor", "hit_share"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise StationError(f"{name} is {getattr(self, name):g}; it must be 0 to 1.")
+
+    def required(self, seen: int) -> int:
+        """Return how many of the defects that can be seen must be hit."""
+        return math.ceil(self.hit_share * seen - 1e-9)
+
+    def criteria(self, p1: Any, p2: Any, hits: Any, seen: Any) -> list[NDArray[np.float64]]:
+        """Return what is to be highest, one after another; arrays that broadcast together."""
+        required = np.ceil(self.hit_share * np.asarray(seen) - 1e-9)
+        goal = {"p1": p1, "p2": p2}.get(self.goal)
+        return [
+            np.minimum(hits, required),
+            np.minimum(p2, self.p2_floor),
+            np.minimum(p1, self.p1_floor),
+            f1_of(p1, p2) if goal is None else goal,
+            p2,
+            p1,
+        ]
+
+    def thresholds(self, p1: Any, p2: Any, hits: Any, seen: Any) -> NDArray[np.intp]:
+        """Return the best threshold of each design, the lowest of equals.
+
+        Parameters
+        ----------
+        p1, p2, hits : array, shape (D, 256)
+        seen : int or array, shape (D, 1)
+            Defects that can be hit.
+
+        Returns
+        -------
+        ndarray of int, shape (D,)
+        """
+        left = np.ones(np.shape(p1), np.bool_)
+        for criterion in self.criteria(p1, p2, hits, seen):
+            value = np.where(left, criterion, -np.inf)
+            left &= value == value.max(axis=-1, keepdims=True)
+        best: NDArray[np.intp] = left.argmax(axis=-1)
+        return best
+
+    def best(self, p1: Any, p2: Any, hits: Any, seen: Any) -> int:
+        """Return the best of some points, each of shape (n,), the first of equals."""
+        return int(self.thresholds(p1, p2, hits, seen))
+
+    def fulfilled(self, p1: float, p2: float, hits: int, seen: int) -> bool:
+        """Whether a point has all that is asked for."""
+        return hits >= self.required(seen) and p2 >= self.p2_floor and p1 >= self.p1_floor
+
+    def __str__(self) -> str:
+        share = "all" if self.hit_share == 1 else f"{self.hit_share:.0%} of the"
+        floors = [
+            f"{name} at least {floor:g}"
+            for name, floor in (("P2", self.p2_floor), ("P1", self.p1_floor))
+            if floor
+        ]
+        return ", ".join([f"{share} defects hit", *floors, f"then the highest {self.goal.upper()}"])

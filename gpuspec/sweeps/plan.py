@@ -1,0 +1,198 @@
+"""What a sweep will do: every design of its grid by number, and on which parts each is tried."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from gpuspec import __version__
+from gpuspec.errors import StationError
+from gpuspec.station import Station
+from gpuspec.stationfile import to_toml
+from gpuspec.sweeps.axes import Axis, axis
+
+# From one part to the next; odd, so that seeds repeat after 2^32 parts, and no small multiple of it
+# is near another: populations with seeds 1 and 2 never meet.
+SEED_STEP = 0x9E3779B1
+PARTS_MAX = 1000
+DESIGNS_MAX = 10**12
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A grid of designs and the parts each is tried on.
+
+    Designs are numbered like the digits of a number, the last axis fastest; axes that need a new
+    light map come first, so that designs of one light map are neighbours.
+
+    Attributes
+    ----------
+    station : Station
+        What is not varied.
+    axes : tuple of Axis
+    parts : int
+        Part 0 is the station's own; part k has every seed k times `SEED_STEP` further.
+    samples : int
+        Strata of the screening sample per part; 0: every pixel of every design is counted.
+    """
+
+    station: Station
+    axes: tuple[Axis, ...]
+    parts: int = 1
+    samples: int = 0
+
+    @classmethod
+    def of(
+        cls,
+        station: Station,
+        vary: Mapping[str, Any] | None = None,
+        parts: int | None = None,
+        samples: int = 0,
+    ) -> Plan:
+        """Plan a sweep.
+
+        Parameters
+        ----------
+        station : Station
+            Its ``[sweep]`` table is taken where the other parameters are None.
+        vary : mapping of str to str, number or list, optional
+            Keys and what :func:`gpuspec.sweeps.axes.axis` takes.
+        parts : int, optional
+            Number of parts each design is tried on.
+        samples : int
+            See :class:`Plan`.
+
+        Raises
+        ------
+        StationError
+            Nothing to vary or to detect, a wrong key or range, or too many designs.
+        """
+        table = station.sweep
+        vary = dict(vary if vary is not None else table.vary if table else {})
+        parts = parts if parts is not None else table.parts if table else 1
+        if not vary:
+            raise StationError(
+                f"{station.file}: nothing to vary; give --vary KEY=FROM:TO:COUNT, or a table "
+                f"[sweep.vary] in the station file."
+            )
+        if not 1 <= parts <= PARTS_MAX:
+            raise StationError(f"a sweep takes 1 to {PARTS_MAX} parts, not {parts}.")
+        if not (station.defects or station.populations or station.part.relief):
+            raise StationError(
+                f"{station.file}: the part has no defects, so there is nothing to score; add "
+                f"[[defects]] or [[populations]]."
+            )
+        if parts > 1 and not (station.populations or station.sensor.noise):
+            raise StationError(
+                f"{station.file}: the part has no random [[populations]], so {parts} parts would "
+                f"be {parts} times the same; sweep one."
+            )
+        axes = [axis(station, key, given) for key, given in vary.items()]
+        axes.sort(key=lambda a: not a.retraces)
+        base = station.replace(sweep=None)
+        if base.segmentation.min_area_mm2 or base.segmentation.threshold != "auto":
+            base = base.replace(segmentation=None)
+        plan = cls(base, tuple(axes), parts, samples)
+        if plan.designs > DESIGNS_MAX:
+            raise StationError(
+                f"{plan.designs:.3g} designs are more than could ever be done or stored; vary "
+                f"fewer keys, or take fewer values of each."
+            )
+        return plan
+
+    @cached_property
+    def designs(self) -> int:
+        """Number of designs."""
+        return math.prod(len(a.values) for a in self.axes)
+
+    @cached_property
+    def designs_per_geometry(self) -> int:
+        """Number of designs that share a light map."""
+        return math.prod(len(a.values) for a in self.axes if not a.retraces)
+
+    @property
+    def geometries(self) -> int:
+        """Number of distinct geometries, each traced for every part."""
+        return self.designs // self.designs_per_geometry
+
+    def values(self, design: int) -> dict[str, float | int]:
+        """Return the varied keys of a design and their values."""
+        found = {}
+        for a in reversed(self.axes):
+            design, place = divmod(design, len(a.values))
+            found[a.key] = a.values[place]
+        return {a.key: found[a.key] for a in self.axes}
+
+    def geometry_of(self, design: int) -> int:
+        """Return the number of a design's geometry: equal for those that share a light map."""
+        return design // self.designs_per_geometry
+
+    def station_of(self, design: int, base: Station | None = None) -> Station:
+        """Return a design's station with part 0.
+
+        Parameters
+        ----------
+        design : int
+        base : Station, optional
+            Another design's station of the same geometry: only what differs is checked anew.
+
+        Raises
+        ------
+        StationError
+            If these values make no valid station: why not.
+        """
+        values = self.values(design)
+        if base is None:
+            return self.station.replace(**values)
+        quick = _with_design(base, {a.key: values[a.key] for a in self.axes if not a.retraces})
+        return quick or self.station.replace(**values)
+
+    def identity(self) -> dict[str, Any]:
+        """Return what makes this sweep this one, as JSON holds it."""
+        return {
+            "gpuspec": __version__,
+            "station": to_toml(self.station, comments=False, absolute=True),
+            "vary": {a.key: list(a.values) for a in self.axes},
+            "parts": self.parts,
+            "samples": self.samples,
+        }
+
+    @classmethod
+    def from_identity(cls, identity: Mapping[str, Any]) -> Plan:
+        """Return the plan of an :meth:`identity`."""
+        station = Station.parse(identity["station"], "station.toml")
+        axes = tuple(Axis(key, tuple(values)) for key, values in identity["vary"].items())
+        return cls(station, axes, identity["parts"], identity["samples"])
+
+
+def _with_design(station: Station, changes: Mapping[str, float | int]) -> Station | None:
+    """Return a valid station with other stripes, sensor or sequence, or None if there is none.
+
+    A quarter of the time of :meth:`Station.replace`, which tells what is wrong.
+    """
+    sections: dict[str, dict[str, Any]] = {}
+    for key, value in changes.items():
+        section, name = key.split(".")
+        sections.setdefault(section, dict(getattr(station, section)))[name] = value
+    try:
+        made = {
+            section: type(getattr(station, section)).model_validate(values)
+            for section, values in sections.items()
+        }
+        return station.model_copy(update=made).possible()
+    except ValueError:
+        return None
+
+
+def with_part(station: Station, part: int) -> Station:
+    """Return a station with another random part, and other noise; part 0 is its own."""
+    if part == 0:
+        return station
+    step = part * SEED_STEP
+    changes: dict[str, Any] = {"sensor.seed": (station.sensor.seed + step) % 2**32}
+    for number, population in enumerate(station.populations, 1):
+        changes[f"populations[{number}].seed"] = (population.seed + step) % 2**32
+    return station.replace(**changes)

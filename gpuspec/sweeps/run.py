@@ -1,0 +1,137 @@
+"""A sweep from plan to table: what is missing is done, and what was screened is made exact."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+import pyarrow as pa
+
+from gpuspec.backends import Backend, open_backend
+from gpuspec.sweeps.bench import Bench
+from gpuspec.sweeps.front import Front
+from gpuspec.sweeps.plan import Plan
+from gpuspec.sweeps.store import RunFolder, check_space
+
+Progress = Callable[[str, int, int], None]
+"""Told what is being done, how many designs are done, and of how many."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """Some designs of one file of the table."""
+
+    part: int
+    designs: tuple[int, ...]
+    sampled: bool
+
+
+class Crew(Protocol):
+    """Whoever does a sweep's tasks."""
+
+    def done(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, pa.Table]]:
+        """Yield each task with its rows, in any order."""
+
+
+@dataclass(frozen=True)
+class Alone:
+    """A bench of this process, with its device."""
+
+    bench: Bench
+
+    def done(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, pa.Table]]:
+        """See :meth:`Crew.done`."""
+        for task in tasks:
+            yield task, self.bench.rows(task.designs, sampled=task.sampled)
+
+
+def sweep(
+    plan: Plan,
+    folder: str | Path,
+    backend: str | Backend = "auto",
+    device: str | None = None,
+    progress: Progress | None = None,
+    crew: Crew | None = None,
+) -> RunFolder:
+    """Try every design of a plan that the folder does not hold yet.
+
+    Parameters
+    ----------
+    plan : Plan
+    folder : str or Path
+        Of a new sweep, or of this one to go on with.
+    backend : str or Backend
+        A name for :func:`gpuspec.backends.open_backend`, or an open backend.
+    device : str, optional
+        Part of the device's name, or its number.
+    progress : callable, optional
+    crew : Crew, optional
+        Others to do the work; then `backend` and `device` are not used.
+
+    Returns
+    -------
+    RunFolder
+
+    Raises
+    ------
+    OutputError
+        If the folder holds another sweep, or cannot be written, or the disk is too small.
+    StationError
+        If no design is a valid station.
+    BackendError
+        If the device is absent or fails.
+    """
+    folder = Path(folder)
+    tell = progress or (lambda *_: None)
+    check_space(folder, plan)
+    if crew is None:
+        engine = open_backend(backend, device) if isinstance(backend, str) else backend
+        crew = Alone(Bench(plan, engine))
+    with RunFolder.writing(folder, plan) as run:
+        front = Front()
+        missing = set(run.missing())
+        for part in range(run.parts) if plan.samples else ():
+            if part not in missing:
+                front.add(run.read_part(part))
+        done = sum(len(run.designs_of(part)) for part in range(run.parts) if part not in missing)
+        tasks = (Task(n, tuple(run.designs_of(n)), sampled=True) for n in sorted(missing))
+        for task, table in crew.done(tasks):
+            run.write(task.part, table)
+            if plan.samples:
+                front.add(table)
+            done += len(table)
+            tell("designs", done, plan.designs)
+        if plan.samples:
+            _make_exact(run, crew, front, tell)
+        run.check_valid()
+    return run
+
+
+def _make_exact(run: RunFolder, crew: Crew, front: Front, tell: Progress) -> None:
+    """Count every pixel of the designs on the front until no bound is left on it.
+
+    A bound is never less than what it bounds, so that what an exact front leaves behind is behind
+    it for certain (with the bounds' confidence). Exact values only fall: which designs are made
+    exact does not depend on the order, or on where an earlier run was stopped.
+    """
+    done = 0
+    while True:
+        points = front.points()
+        wanted = np.unique(points.design[~points.exact])
+        if not wanted.size:
+            return
+        tasks = []
+        for part in np.unique(wanted // run.rows_per_part).tolist():
+            inside = wanted[wanted // run.rows_per_part == part]
+            tasks.append(Task(part, tuple(inside.tolist()), sampled=False))
+        tell("designs on the front made exact", done, done + wanted.size)
+        for task, table in crew.done(tasks):
+            kept = run.read_part(task.part)
+            kept = kept.filter(~np.isin(kept["design"].to_numpy(), task.designs))
+            run.write(task.part, pa.concat_tables([kept, table]).sort_by("design"))
+            front.add(table)
+            done += len(table)
+            tell("designs on the front made exact", done, done + wanted.size)

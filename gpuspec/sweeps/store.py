@@ -1,0 +1,271 @@
+"""A sweep's folder: what the sweep is, and its table in parts, each whole or not there at all."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.dataset as ds
+import pyarrow.parquet as pq
+from filelock import FileLock, Timeout
+
+from gpuspec.errors import OutputError, StationError
+from gpuspec.sweeps.plan import Plan
+from gpuspec.sweeps.table import schema
+
+ROWS_PER_PART = 512
+BYTES_PER_ROW = 3_000  # about: 2.2 KB exact, 5 KB with bounds, measured on the trim part
+_IDENTITY = "sweep.json"
+_LOCK = "sweep.lock"
+_TABLE = "designs"
+_PARTIAL = ".partial-"
+
+
+class RunFolder:
+    """The folder of one sweep.
+
+    ``sweep.json`` says which sweep it is; ``designs/`` holds the table, 512 rows a file, which
+    pandas, Polars and DuckDB read as one; ``sweep.lock`` is held while a sweep writes.
+
+    Parameters
+    ----------
+    path : Path
+    plan : Plan
+    """
+
+    def __init__(self, path: Path, plan: Plan) -> None:
+        self.path = path
+        self.plan = plan
+        self._schema = schema(plan)
+
+    @classmethod
+    def read(cls, path: str | Path) -> RunFolder:
+        """Open the folder of a sweep to read it.
+
+        Raises
+        ------
+        OutputError
+            If there is none.
+        """
+        path = Path(path)
+        return cls(path, Plan.from_identity(_identity_in(path)))
+
+    @classmethod
+    @contextmanager
+    def writing(cls, path: str | Path, plan: Plan) -> Iterator[RunFolder]:
+        """Open a sweep's folder to write, a new one or one to go on with.
+
+        Raises
+        ------
+        OutputError
+            If the folder holds another sweep, or anything else; another process is writing to it;
+            or it cannot be written.
+        """
+        run = cls(Path(path), plan)
+        with writes_to(run.path):
+            if run.path.exists() and not (run.path / _IDENTITY).exists():
+                others = [p.name for p in run.path.iterdir() if p.name not in (_LOCK, _TABLE)]
+                if others:
+                    raise OutputError(
+                        f"{run.path} holds other files ({others[0]}); choose an empty folder, or "
+                        f"that of the sweep to go on with, with -o."
+                    )
+            (run.path / _TABLE).mkdir(parents=True, exist_ok=True)
+            lock = FileLock(run.path / _LOCK, timeout=0)
+            try:
+                lock.acquire()
+            except Timeout:
+                raise OutputError(
+                    f"{run.path} is being written by another gpuspec; wait for it, or choose "
+                    f"another folder with -o."
+                ) from None
+        try:
+            with writes_to(run.path):
+                run._begin()
+            yield run
+        finally:
+            lock.release()
+
+    def _begin(self) -> None:
+        if (self.path / _IDENTITY).exists():
+            differ = differences(_identity_in(self.path), self.plan.identity())
+            if differ:
+                raise OutputError(
+                    f"{self.path} holds another sweep: {'; '.join(differ)}. Choose another folder "
+                    f"with -o, or the same sweep to go on with it."
+                )
+        else:
+            text = json.dumps(self.plan.identity(), indent=1) + "\n"
+            _write_whole(self.path / _IDENTITY, lambda file: file.write_text(text, "utf-8"))
+        for left in self.path.rglob(f"{_PARTIAL}*"):  # of a killed run: the lock is ours
+            shutil.rmtree(left) if left.is_dir() else left.unlink()
+
+    rows_per_part = ROWS_PER_PART
+
+    def check_valid(self) -> None:
+        """Raise StationError, with the first reason, if no design of the table is valid."""
+        reason = None
+        for table in self.batches(["reason"]):
+            reasons = table["reason"]
+            if reasons.null_count:
+                return
+            reason = reason or reasons[0].as_py()
+        raise StationError(f"no design of the sweep is a valid station. The first: {reason}")
+
+    @property
+    def parts(self) -> int:
+        """Number of files of a finished table."""
+        return -(-self.plan.designs // ROWS_PER_PART)
+
+    def designs_of(self, part: int) -> range:
+        """Return the designs of a file."""
+        first = part * ROWS_PER_PART
+        return range(first, min(first + ROWS_PER_PART, self.plan.designs))
+
+    def file(self, part: int) -> Path:
+        """Return the path of a file of the table."""
+        return self.path / _TABLE / f"part-{part:08}.parquet"
+
+    def missing(self) -> list[int]:
+        """Return the files still to be written."""
+        there = {path.name for path in (self.path / _TABLE).glob("part-*.parquet")}
+        return [part for part in range(self.parts) if self.file(part).name not in there]
+
+    def write(self, part: int, table: pa.Table) -> None:
+        """Write a file of the table, in place of an earlier one.
+
+        Raises
+        ------
+        OutputError
+            If the disk is full or the folder gone; the file is then as it was.
+        """
+        # Dictionaries would differ with the order in which parts were made; plain text does not.
+        with writes_to(self.path):
+            _write_whole(
+                self.file(part),
+                lambda file: pq.write_table(table.cast(self._schema), file, compression="zstd"),
+            )
+
+    def read_part(self, part: int, columns: Sequence[str] | None = None) -> pa.Table:
+        """Read a file of the table.
+
+        Raises
+        ------
+        OutputError
+            If it is damaged.
+        """
+        try:
+            return pq.read_table(self.file(part), columns=columns, partitioning=None)
+        except (pa.ArrowException, OSError) as error:
+            raise OutputError(
+                f"{self.file(part)} cannot be read ({error}); remove it and sweep again into the "
+                f"same folder: only what is missing is done."
+            ) from None
+
+    def batches(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
+        """Yield the table file by file, those that are there, in their order."""
+        missing = set(self.missing())
+        for part in range(self.parts):
+            if part not in missing:
+                yield self.read_part(part, columns)
+
+    def table(self, columns: Sequence[str] | None = None) -> pa.Table:
+        """Return the whole table, or some columns of it."""
+        return ds.dataset(self.path / _TABLE, format="parquet").to_table(columns=columns)
+
+
+def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    """Return what differs between two sweeps' identities, a few words each."""
+    said = []
+    for name in sorted({*old["vary"], *new["vary"]}):
+        was, now = old["vary"].get(name), new["vary"].get(name)
+        if was != now:
+            said.append(f"{name} is {_values(was)} there and {_values(now)} here")
+    for name in ("parts", "samples", "gpuspec"):
+        if old[name] != new[name]:
+            said.append(f"{name} is {old[name]} there and {new[name]} here")
+    if old["station"] != new["station"]:
+        lines = [set(one["station"].splitlines()) for one in (old, new)]
+        only = [sorted(lines[0] - lines[1]), sorted(lines[1] - lines[0])]
+        shown = " and ".join(
+            f"{', '.join(part[:3]) or 'nothing'} {where}"
+            for part, where in zip(only, ("there", "here"), strict=True)
+        )
+        said.append(f"the station has {shown}")
+    return said
+
+
+def _values(values: Sequence[Any] | None) -> str:
+    if values is None:
+        return "not varied"
+    shown = ", ".join(f"{v:g}" for v in values[:4])
+    return f"{shown}, ... ({len(values)} values)" if len(values) > 4 else shown
+
+
+def check_space(path: Path, plan: Plan) -> None:
+    """Refuse a sweep whose table the disk cannot hold.
+
+    Raises
+    ------
+    OutputError
+        With what there is and what it needs.
+    """
+    above = next(p for p in (path.absolute(), *path.absolute().parents) if p.exists())
+    free, needed = shutil.disk_usage(above).free, table_bytes(plan)
+    if needed > free:
+        raise OutputError(
+            f"{plan.designs:,} designs need about {needed / 1e9:,.1f} GB on disk and "
+            f"{free / 1e9:,.1f} GB are free at {above}; vary fewer values, or choose another "
+            f"folder with -o."
+        )
+
+
+def table_bytes(plan: Plan) -> int:
+    """Return about how large a sweep's table is."""
+    return plan.designs * BYTES_PER_ROW * (2 if plan.samples else 1)
+
+
+@contextmanager
+def writes_to(path: Path) -> Iterator[None]:
+    """Say where, why and what next if writing fails."""
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise OutputError(
+            f"the sweep cannot be written to {path}: {reason}. Free some space or make the folder "
+            f"writable and run the same command again: it goes on where it was."
+        ) from None
+
+
+def _write_whole(path: Path, write: Any) -> None:
+    partial = Path(tempfile.mkdtemp(prefix=_PARTIAL, dir=path.parent))
+    try:
+        file = partial / path.name
+        write(file)
+        with file.open("rb") as written:  # a power cut must not leave an empty file of this name
+            os.fsync(written.fileno())
+        file.replace(path)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def _identity_in(path: Path) -> dict[str, Any]:
+    try:
+        found: dict[str, Any] = json.loads((path / _IDENTITY).read_text("utf-8"))
+    except FileNotFoundError:
+        raise OutputError(
+            f"{path} holds no sweep; `gpuspec sweep STATION -o {path}` makes one."
+        ) from None
+    except (OSError, ValueError) as error:
+        raise OutputError(f"{path / _IDENTITY} cannot be read: {error}.") from None
+    if set(found) != {"gpuspec", "station", "vary", "parts", "samples"}:
+        raise OutputError(f"{path / _IDENTITY} is not that of a sweep.")
+    return found
