@@ -70,22 +70,14 @@ DEVICE REAL mean_over_scan(Trapezoid t, float shifts) {
     return min(t.base + t.slope * total / (shifts * shifts), 1.0f);
 }
 
-/* Highest mean over a scan that any light coordinate has: as the phase goes through a step, the mean
-   is made of straight pieces and bends where a sample comes upon the plateau's or the floor's edge,
-   on either side; one of these four phases is the highest. */
+/* Highest mean over a scan that any light coordinate has, or a little more. As the phase moves the
+   mean is made of straight pieces; it can only be highest where it bends down, when a sample comes
+   to the edge of the plateau h: on either side, by symmetry. The trapezoid is made wider by more
+   than float32 may put that edge out. */
 DEVICE REAL highest_mean_over_scan(Trapezoid t, float shifts) {
-    REAL h = min((1.0f - t.base) / max(t.slope, 1e-20f), t.high);
-    REAL k = min(t.low, h);
-    REAL edge = (t.reach - h) * shifts;
-    REAL foot = (t.reach - k) * shifts;
-    t.centre = edge / shifts;
-    REAL highest = mean_over_scan(t, shifts);
-    t.centre = -edge / shifts;
-    highest = max(highest, mean_over_scan(t, shifts));
-    t.centre = foot / shifts;
-    highest = max(highest, mean_over_scan(t, shifts));
-    t.centre = -foot / shifts;
-    return max(highest, mean_over_scan(t, shifts));
+    t.centre = t.reach - min((1.0f - t.base) / max(t.slope, 1e-20f), t.high);
+    t.reach += 1e-6f;
+    return mean_over_scan(t, shifts);
 }
 
 #endif

@@ -936,6 +936,30 @@ def test_the_mean_over_a_scan_is_the_mean_of_the_saturated_images(device: Device
     assert not got[80:90].any()
 
 
+@holds("highest_mean_over_scan", wrong=("t.centre = t.reach - min", "t.centre = 0.0f * min"))
+def test_no_light_coordinate_has_a_higher_mean_over_a_scan(device: Device) -> None:
+    s = Stripes(29)
+    choices = np.array([1, 2, 3, 7, 12])
+    shifts = choices[np.arange(s.draws.groups) % len(choices)][:, None]
+    code = """REAL mean = highest_mean_over_scan(exposed(lit_fraction(light, footprint, luminous),
+                                             irradiance, gain, leak), shifts);"""
+    (got,) = device.call(STRIPES, code, {**s.inputs, **shared(shifts=shifts)}, ("mean",))
+    phases = 400
+    highest = np.zeros(got.shape)
+    for phase in np.arange(phases) / phases:
+        mean = np.zeros(got.shape)
+        for k in range(int(shifts.max())):
+            light = s.light + (phase - k) / shifts
+            mean += (k < shifts) / shifts * np.minimum(s.exposure(light), 1)
+        highest = np.maximum(highest, mean)
+    # What is cut off above saturation was there: its last bit is lost.
+    lost = tolerances.SCAN * s.gain * s.irradiance + 1e-6
+    assert (got >= highest - lost).all()
+    # It is reached: between two phases no image changes by more than its flank is steep.
+    steep = s.gain * s.irradiance / s.footprint * (1 / (phases * shifts) + 2e-6)
+    assert (got <= highest + lost + np.minimum(steep, 1)).all()
+
+
 # ----------------------------------------------------------------------------------------- sensor
 
 

@@ -39,7 +39,7 @@ class Coverage(Outcome):
     dent : Dent
         The defect to be shown.
     reach_mm : float
-        Distance on the part from which a transition shows it; 0: from none.
+        Distance on the part from which a transition shows it, at the part's centre; 0: from none.
     magnification : float
         M = dl/dx at the part's centre.
     on_light_mm : ndarray of float32, shape (M, N)
@@ -128,11 +128,12 @@ class Coverage(Outcome):
                 "The scan rule allows no step: no transition, however near, shows this defect."
             )
         else:
+            periods = f"{found['periods']:.3g} period{'' if found['periods'] == 1 else 's'}"
             kept = self.station.step_mm <= self.largest_step_mm * (1 + 1e-9)
             said.append(
                 f"The scan rule allows steps of {2 * self.reach_mm:.3g} mm on the part, "
                 f"{self.images_needed} images per period; this station's {found['images']} images "
-                f"over {found['periods']:.3g} of a period, in steps of "
+                f"over {periods}, in steps of "
                 f"{found['step_on_part_mm']:.3g} mm, {'keep' if kept else 'break'} it."
             )
         return tuple(said)

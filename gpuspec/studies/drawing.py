@@ -129,23 +129,31 @@ def coverage_picture(found: Coverage) -> Figure:
     Squares of pixels drawn as one show their largest distance, and any blind pixel of theirs.
     """
     station = found.station
-    width, height = fitted(station.shape, WIDTH - 2 * MARGIN - 90, 420)
-    left, pitch = (WIDTH - 90 - width) / 2, height + 110
-    sheet = Sheet(WIDTH, 140 + 3 * pitch + 330)
+    beside = station.shape[1] < 1.5 * station.shape[0]
+    cell = (WIDTH - 2 * MARGIN) / (3 if beside else 1)
+    width, height = fitted(station.shape, cell - 110, 420)
+    corners = [
+        (MARGIN + cell * place, 170.0) if beside else (MARGIN, 170.0 + place * (height + 96))
+        for place in range(3)
+    ]
+    below = corners[-1][1] + height + 90
+    sheet = Sheet(WIDTH, below + 320)
     sheet.heading(
         f"Scan coverage: {percent(found.blind)} of the part is blind to a {found.dent}",
         essentials(station),
-        f"a transition shows it from {found.reach_mm:.3g} mm on the part  ·  {found.info}",
+        f"red: the scan rule, {found.reach_mm:.3g} mm on the part  ·  {found.info}",
     )
-    for place, (image, where, reach) in enumerate(
-        (
-            (found.on_part_mm, "part", found.reach_mm),
-            (found.on_light_mm, "light", found.reach_mm * found.magnification),
-        )
-    ):
-        top = 140 + place * pitch
-        title = f"Smallest distance to a transition over the sequence, mm on the {where}"
-        sheet.text(left, top - 24, f"{title}; red: the scan rule", fontsize=11)
+    colours = ("#FFFFFF", VERMILION, DARK, PALE)
+    handles = [
+        Patch(facecolor=colour, edgecolor=DARK, linewidth=0.6, label=f"{kind} {n:,} px")
+        for kind, colour, n in zip(KINDS, colours, found.counts, strict=True)
+    ]
+    sheet.legend(handles, 100)
+    reaches = found.reach_mm, found.reach_mm * found.magnification
+    maps = zip(corners, (found.on_part_mm, found.on_light_mm), ("part", "light"), reaches,
+               strict=False)  # fmt: skip
+    for (left, top), image, where, reach in maps:
+        sheet.text(left, top - 24, f"Distance to the nearest transition on the {where}")
         ax = sheet.axes(left, top, width, height)
         factor = reduction(ax, image.shape)
         worst = pooled(np.nan_to_num(image, nan=-1.0), factor, np.maximum)
@@ -155,28 +163,18 @@ def coverage_picture(found: Coverage) -> Figure:
                             vmin=0, vmax=highest, interpolation="nearest")  # fmt: skip
         ax.set_facecolor(PALE)
         millimetres(ax)
-        bar = sheet.axes(left + width + 20, top, 16, height)
+        bar = sheet.axes(left + width + 16, top, 16, height)
         sheet.figure.colorbar(drawn, cax=bar).set_label(f"mm on the {where}", fontsize=10)
         bar.axhline(reach, color=VERMILION, linewidth=3)
-    top = 140 + 2 * pitch
-    colours = ("#FFFFFF", VERMILION, DARK, PALE)
-    handles = [
-        Patch(facecolor=colour, edgecolor=DARK, linewidth=0.6, label=f"{kind} {n:,} px")
-        for kind, colour, n in zip(KINDS, colours, found.counts, strict=True)
-    ]
-    sheet.text(left, top - 24, "Blind pixels", fontsize=11)
-    sheet.figure.legend(
-        handles=handles, loc="upper left", ncols=4, frameon=False, fontsize=10, borderpad=0,
-        borderaxespad=0, bbox_to_anchor=((left + 120) / WIDTH, 1 - (top - 22) / sheet.height),
-    )  # fmt: skip
+    left, top = corners[-1]
+    sheet.text(left, top - 24, "Blind pixels")
     ax = sheet.axes(left, top, width, height)
     # The highest code prevails in a square of pixels, and blind ones are to.
     codes = np.where(found.kind == OFF_PART, 0, found.kind + 1).astype(np.uint8)
     draw_codes(ax, codes, station, [colours[OFF_PART], *colours[:OFF_PART]])
     millimetres(ax)
-    top = 140 + 3 * pitch
-    sheet.text(MARGIN, top, "About the farthest pixel, over one period", fontsize=11)
-    _draw_row(sheet.axes(MARGIN, top + 30, WIDTH - 2 * MARGIN, 220), found)
+    sheet.text(MARGIN, below, "About the farthest pixel, over one period")
+    _draw_row(sheet.axes(MARGIN, below + 28, WIDTH - 2 * MARGIN, 220), found)
     return sheet.figure
 
 

@@ -222,14 +222,12 @@ def study(station: Station, dent: Dent | None = None, distances: int = 31) -> He
     nearest = min(_NEAREST * top, h)
     camera = np.geomspace(nearest, max(_FARTHEST_MM, 4 * h), distances)
     camera[np.abs(np.log(camera / h)).argmin()] = h
-    # Room for the rays that height moves beyond the part's end.
-    room = 10 * dent.diameter_mm
+    room = 10 * dent.diameter_mm  # for the rays that height moves beyond the part's end
     alone = dent.alone_on(
         station.replace(
             **{
                 "part.crown_radius_x_mm": None, "part.crown_radius_y_mm": None,
                 "part.length_mm": station.part.length_mm + room,
-                "part.width_mm": station.part.width_mm + room,
             }
         ),
         place,

@@ -146,7 +146,7 @@ class Tolerance(Outcome):
         return heads, rows
 
     def figure(self) -> Figure:
-        """Draw P1, P2 and the share of defects hit against each perturbation."""
+        """See :meth:`Outcome.figure`."""
         from gpuspec.studies.drawing import tolerance_picture
 
         return tolerance_picture(self)
@@ -190,8 +190,8 @@ def study(
     Raises
     ------
     StationError
-        If the part has no defect in view, so that P2 is undefined, a value is impossible, or a
-        moved station is.
+        If the part has no defect in view, so that P2 is undefined, the design detects none, or a
+        value or a moved station is impossible.
     BackendError
         If the backend is absent or fails.
     """
@@ -206,7 +206,12 @@ def study(
     for name, unit, kind, moved in movements(design):
         tell(f"moving the {name}")
         values = (reach[kind] * spread).tolist()
-        scores = [_score(trace(moved(design, value), engine)) for value in values]
+        scores = []
+        for value in values:
+            try:
+                scores.append(_score(trace(moved(design, value), engine)))
+            except StationError as error:
+                raise StationError(f"{name} by {value:+.3g} {unit} is too far: {error}") from None
         found.append(Perturbation(name, unit, tuple(values), middle, tuple(scores)))
     tell("changing reflectivity")
     values = (reflectivity * spread).tolist()
@@ -230,8 +235,8 @@ def _nominal(station: Station, engine: Backend, tell: Progress) -> tuple[Station
     traced = trace(design, engine, progress=tell)
     if not traced.truth.labels[traced.lost != BESIDE].any():
         raise StationError(
-            f"{station.file} has no defect in view: P2 is undefined, and there is nothing to "
-            f"lose; add [[defects]] or [[populations]]."
+            f"{station.file} has no defect in view, so that P2 is undefined; add [[defects]] or "
+            f"[[populations]]."
         )
     threshold = traced.result().threshold
     if threshold >= design.sensor.full_scale_dn:
@@ -240,7 +245,13 @@ def _nominal(station: Station, engine: Backend, tell: Progress) -> tuple[Station
             f"and detects nothing; set segmentation.threshold to a grey level."
         )
     design = design.replace(**{"segmentation.threshold": threshold})
-    return design, _score(traced, design), traced
+    nominal = _score(traced, design)
+    if not nominal.hit_px:
+        raise StationError(
+            f"{station.file} detects no defect at its threshold of {threshold:.5g} DN: there is "
+            f"nothing to lose; choose a design that works, e.g. by `gpuspec sweep`."
+        )
+    return design, nominal, traced
 
 
 def _score(traced: Traced, station: Station | None = None) -> Score:
