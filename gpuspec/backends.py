@@ -154,7 +154,7 @@ class _ImageCounter:
         found = Levels.empty(len(stations), len(self.zones.sizes))
         for i, station in enumerate(stations):
             image = self.light_map.aspect(station)
-            found.put(np.intp(i), levels_of(image, self.zones, station.sensor.full_scale_dn))
+            found.put(np.array([i]), levels_of(image, self.zones, station.sensor.full_scale_dn))
         return found
 
 

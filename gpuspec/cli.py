@@ -14,6 +14,7 @@ import typer
 from gpuspec import __version__
 from gpuspec.errors import GpuspecError
 from gpuspec.studies import commands as studies
+from gpuspec.sweeps.commands import sweep
 from gpuspec.terminal import (
     BackendOption,
     DeviceOption,
@@ -130,6 +131,9 @@ def prototype(
             watch(Path(pattern), render_again)
         else:
             render()
+
+
+app.command()(sweep)
 
 
 @app.command()

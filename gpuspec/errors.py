@@ -25,3 +25,7 @@ class OutputError(GpuspecError):
 
 class PatternError(GpuspecError):
     """A user's pattern cannot be read, does not compile, or runs for ever."""
+
+
+class ExtraError(GpuspecError):
+    """A package that only this command needs is not installed."""

@@ -49,6 +49,7 @@ def thresholds(full_scale_dn: float) -> NDArray[np.float32]:
     for _ in range(4):
         above = np.nextafter(found, np.float32(np.inf))
         found = np.where(above * scale <= level, above, found)
+    found[0] = 0  # and no subnormal number
     return found.astype(np.float32)
 
 
@@ -148,7 +149,7 @@ class Levels:
         peaks = np.zeros((designs, defects), np.int64)
         return cls(inside, outside, sampled, peaks, np.zeros(designs, np.int64))
 
-    def put(self, where: NDArray[np.intp] | np.intp, other: Levels) -> None:
+    def put(self, where: NDArray[np.intp], other: Levels) -> None:
         """Write the counts of some designs into their places."""
         for own, more in (
             (self.inside, other.inside), (self.outside, other.outside),

@@ -86,7 +86,7 @@ class OpenCLCounter:
         closed = np.array([s.sequence.fusion == "mean" and has_closed_form(s) for s in stations])
         for i in np.flatnonzero(~closed):
             image = self._map.aspect(stations[int(i)])
-            found.put(i, levels_of(image, self._zones, scales[i]))
+            found.put(np.array([i]), levels_of(image, self._zones, scales[i]))
         at_once = min(max(_AT_ONCE // self.pixels, 1), _DESIGNS_MAX)
         for scale in np.unique(scales[closed]):
             same = np.flatnonzero(closed & (scales == scale))

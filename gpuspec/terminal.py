@@ -62,6 +62,50 @@ def progress() -> Iterator[Any]:
         yield lambda text: status.update(Text(text))
 
 
+@contextmanager
+def counted(total: int) -> Iterator[Any]:
+    """Count on the terminal what is done, how fast, and how long it still takes."""
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    bar = Progress(
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(),
+        TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(elapsed_when_finished=True),
+        console=console(stderr=True), transient=True,
+    )  # fmt: skip
+    with bar:
+        task = bar.add_task("starting", total=total)
+        yield lambda text, done, of: bar.update(task, description=text, completed=done, total=of)
+
+
+@contextmanager
+def extra(name: str) -> Iterator[None]:
+    """Say which extra of gpuspec to install where one of its packages is missing.
+
+    Raises
+    ------
+    ExtraError
+        In place of ModuleNotFoundError.
+    """
+    from gpuspec.errors import ExtraError
+
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] == "gpuspec":
+            raise
+        raise ExtraError(
+            f'this needs {error.name}, which is not installed; pip install "gpuspec[{name}]" '
+            f'(in a checkout: pip install ".[{name}]").'
+        ) from None
+
+
 def console(*, stderr: bool = False) -> Console:
     """Return a terminal that prints names as they are: ``[a]`` and ``:b:`` mean nothing in them."""
     from rich.console import Console

@@ -96,7 +96,7 @@ def sweep(
         for part in range(run.parts) if plan.samples else ():
             if part not in missing:
                 front.add(run.read_part(part))
-        done = sum(len(run.designs_of(part)) for part in range(run.parts) if part not in missing)
+        done = run.there()
         tasks = (Task(n, tuple(run.designs_of(n)), sampled=True) for n in sorted(missing))
         for task, table in crew.done(tasks):
             run.write(task.part, table)

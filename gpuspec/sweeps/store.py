@@ -111,13 +111,23 @@ class RunFolder:
 
     def check_valid(self) -> None:
         """Raise StationError, with the first reason, if no design of the table is valid."""
-        reason = None
+        found = self.invalid()
+        if found and found[0] == self.plan.designs:
+            raise StationError(f"no design of the sweep is a valid station, e.g.: {found[1]}")
+
+    def invalid(self) -> tuple[int, str] | None:
+        """Return how many designs are no valid station and why the first is none; None: none."""
+        count, first = 0, ""
         for table in self.batches(["reason"]):
-            reasons = table["reason"]
-            if reasons.null_count:
-                return
-            reason = reason or reasons[0].as_py()
-        raise StationError(f"no design of the sweep is a valid station. The first: {reason}")
+            reasons = table["reason"].drop_null()
+            first = first or (reasons[0].as_py() if len(reasons) else "")
+            count += len(reasons)
+        return (count, first) if count else None
+
+    def there(self) -> int:
+        """Return how many designs the folder holds."""
+        missing = sum(len(self.designs_of(part)) for part in self.missing())
+        return self.plan.designs - missing
 
     @property
     def parts(self) -> int:

@@ -77,7 +77,7 @@ def numba_mean(light, footprint, irradiance, a, period, gain, images, out):
 
 def opencl_steps(b: OpenCLBackend, light_map: Any, shape: tuple[int, int]) -> Steps:
     """Return how OpenCL finishes, copies a light coordinate, and starts what makes images."""
-    tile, size = light_map._kept[0], light_map._stride * shape[0]
+    tile, size = light_map._kept[0], light_map.stride * shape[0]
     grey = b.empty(4 * size)
     kernel = b.program(
         "__kernel void copy(__global const float8 *a, __global float8 *b)"

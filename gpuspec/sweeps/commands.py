@@ -1,0 +1,176 @@
+"""The command that sweeps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gpuspec.terminal import (
+    BackendOption,
+    DeviceOption,
+    OutputOption,
+    SetOption,
+    StationArgument,
+    changed,
+    console,
+    counted,
+    extra,
+)
+
+if TYPE_CHECKING:
+    from gpuspec.sweeps.estimate import Estimate
+    from gpuspec.sweeps.plan import Plan
+    from gpuspec.sweeps.run import Crew
+    from gpuspec.sweeps.store import RunFolder
+
+VaryOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--vary",
+        metavar="KEY=FROM:TO:COUNT",
+        help="Vary a key of the station file, e.g. tunnel.luminous_mm=1:12:23, or over values, "
+        "e.g. sequence.images=8,16,40. Not given: the file's [sweep] table.",
+    ),
+]
+PartsOption = Annotated[
+    int | None,
+    typer.Option("--parts", min=1, help="Random parts each design is tried on, from other seeds."),
+]
+
+
+def sweep(
+    station: StationArgument,
+    vary: VaryOption = None,
+    output: OutputOption = Path("sweep"),
+    parts: PartsOption = None,
+    screen: Annotated[
+        bool,
+        typer.Option(
+            "--screen", help="Sample the flawless pixels first; make exact what may be the best."
+        ),
+    ] = False,
+    samples: Annotated[
+        int | None,
+        typer.Option("--samples", min=1, help="Pixels of a part that --screen draws."),
+    ] = None,
+    plan_only: Annotated[bool, typer.Option("--plan", help="Only print the plan.")] = False,
+    workers: Annotated[
+        int, typer.Option("--workers", min=0, help="Local processes to share the work; 0: none.")
+    ] = 0,
+    scheduler: Annotated[
+        str, typer.Option("--scheduler", help="A Dask scheduler, e.g. tcp://host:8786.")
+    ] = "",
+    backend: BackendOption = "auto",
+    device: DeviceOption = None,
+    change: SetOption = None,
+) -> None:
+    """Try every design of a grid at every threshold; run again to go on where it was."""
+    with extra("sweep"):
+        from gpuspec.sweeps.axes import vary_option
+        from gpuspec.sweeps.plan import Plan
+        from gpuspec.sweeps.sampling import STRATA
+        from gpuspec.sweeps.store import RunFolder, check_space
+    from gpuspec.station import Station
+
+    plan = Plan.of(
+        changed(Station.read(station), change),
+        dict(map(vary_option, vary)) if vary else None,
+        parts,
+        (samples or STRATA) if screen or samples else 0,
+    )
+    check_space(output, plan)
+    done = RunFolder(output, plan).there() if (output / "designs").is_dir() else 0
+    with _crew(plan, workers, scheduler, backend, device) as (crew, told):
+        _print_plan(plan, told, done, output)
+        if plan_only:
+            return
+        run, seconds = _swept(plan, output, crew)
+    _print_end(run, plan.designs - done, seconds)
+
+
+@contextmanager
+def _crew(
+    plan: Plan, workers: int, scheduler: str, backend: str, device: str | None
+) -> Iterator[tuple[Crew, Estimate]]:
+    from gpuspec.sweeps.estimate import estimate
+
+    if workers or scheduler:
+        with extra("cluster"):
+            from gpuspec.sweeps.cluster import crew as cluster
+
+        with cluster(
+            plan, workers=workers, scheduler=scheduler, backend=backend, device=device
+        ) as crew:
+            yield crew, estimate(plan, None)
+        return
+    from gpuspec.backends import open_backend
+    from gpuspec.sweeps.bench import Bench
+    from gpuspec.sweeps.run import Alone
+
+    bench = Bench(plan, open_backend(backend, device))
+    yield Alone(bench), estimate(plan, bench)
+
+
+def _swept(plan: Plan, output: Path, crew: Crew) -> tuple[RunFolder, float]:
+    import time
+
+    from gpuspec.sweeps import run
+
+    start = time.perf_counter()
+    try:
+        with counted(plan.designs) as tell:
+            made = run.sweep(plan, output, progress=tell, crew=crew)
+    except BaseException as error:
+        if not isinstance(error, Exception):  # Ctrl-C
+            console(stderr=True).print(
+                f"what was finished is in {output}; the same command goes on with it.",
+                soft_wrap=True,
+            )
+        raise
+    return made, time.perf_counter() - start
+
+
+def _print_plan(plan: Plan, told: Estimate, done: int, output: Path) -> None:
+    from rich.table import Table
+
+    out = console()
+    table = Table("key", "from", "to", "values", title=f"sweep of {plan.station.file}")
+    for a in plan.axes:
+        table.add_row(a.key, f"{min(a.values):g}", f"{max(a.values):g}", str(len(a.values)))
+    out.print(table)
+    way = f"screening, {plan.samples:,} pixels of a part" if plan.samples else "exact"
+    out.print(
+        f"{told.designs:,} designs at 256 thresholds, on {plan.parts} part(s); {told.traces:,} "
+        f"light map(s) to trace; {way}",
+        soft_wrap=True,
+    )
+    left = told.seconds and told.seconds * (1 - done / plan.designs)
+    time_ = "not known yet" if left is None else f"about {_duration(left)}"
+    out.print(
+        f"time {time_}; memory {told.device_bytes / 2**20:,.0f} MiB on the device; disk "
+        f"{told.disk_bytes / 1e6:,.0f} MB in {output}",
+        soft_wrap=True,
+    )
+    if done:
+        out.print(f"{done:,} designs are there already; only the others are done.")
+
+
+def _print_end(run: RunFolder, tried: int, seconds: float) -> None:
+    invalid = run.invalid()
+    out = console()
+    rate = f", {tried / seconds:,.0f} designs/s" if tried else ""
+    out.print(f"{run.plan.designs:,} designs in {run.path} ({seconds:.1f} s{rate})", soft_wrap=True)
+    if invalid:
+        (count, reason) = invalid
+        out.print(f"note: {count:,} designs are no valid station, e.g.: {reason}", soft_wrap=True)
+    out.print(f"choose: gpuspec front {run.path} --write best.toml", soft_wrap=True)
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
