@@ -29,3 +29,7 @@ class PatternError(GpuspecError):
 
 class ExtraError(GpuspecError):
     """A package that only this command needs is not installed."""
+
+
+class ClusterError(GpuspecError):
+    """Other processes or machines that should do the work are not there, or fail."""

@@ -175,9 +175,8 @@ class Sweep(Section):
     parts: int = Field(
         1, ge=1, le=1000, description="random parts each design is tried on, from other seeds"
     )
-    vary: dict[str, str | float | tuple[float, ...]] = Field(
+    vary: dict[str, str | float | list[float]] = Field(
         {},
-        strict=False,
         description='key = "FROM:TO:COUNT" or a list of values, the key in quotes: '
         '"tunnel.luminous_mm" = "1:12:23"',
     )
@@ -331,6 +330,10 @@ class Station(Section):
             if not isinstance(target, list) or not 0 <= place < len(target):
                 raise StationError(f"{self._file}: {path} cannot be changed: no such entry.")
             return target[place]
+        if isinstance(target, list):
+            raise StationError(
+                f"{self._file}: {path} cannot be changed: entries of a list are written [1], [2] ..."
+            )
         found = target.setdefault(place, {}) if isinstance(target, dict) else None
         if isinstance(found, tuple):
             found = target[place] = list(found)

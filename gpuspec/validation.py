@@ -26,6 +26,7 @@ _ALLOWED = {
     "too_short": "must have at least {min_length} entries",
     "too_long": "must have at most {max_length} entries",
     "tuple_type": "must be a list",
+    "list_type": "must be a list",
     "model_type": "must be a table",
     "model_attributes_type": "must be a table",
     "union_tag_not_found": "must say its kind, such as kind = 'dent'",
@@ -83,7 +84,8 @@ def explain(error: ValidationError, model: type[BaseModel], file: str) -> list[s
 
 def _is_branch(part: int | str) -> bool:
     """Whether a step of the location is pydantic's name for a branch of a union, not a key."""
-    kinds = {"dent", "bump", "scratch", "measured", "float", "int", "constrained-float"}
+    kinds = {"dent", "bump", "scratch", "measured"}
+    kinds |= {"float", "int", "str", "constrained-float"}
     return isinstance(part, str) and (part in kinds or "[" in part or "(" in part)
 
 

@@ -23,7 +23,8 @@ from gpuspec.report import FILES
 from gpuspec.station import Station
 from gpuspec.stationfile import examples
 
-COMMANDS = ("simulate", "demo", "prototype", "init", "schema", "devices")
+COMMANDS = ("simulate", "demo", "prototype", "sweep", "init", "schema", "devices")
+GROUPS = ("study",)
 
 
 # ------------------------------------------------------------------------------------- commands
@@ -63,6 +64,9 @@ def test_help_lists_every_command(gpuspec_):
         assert "Usage:" in shown.out
         assert f" {command} " in shown.out
     assert set(COMMANDS) == {command.callback.__name__ for command in cli.app.registered_commands}
+    groups = {group.name for group in cli.app.registered_groups}
+    assert groups == set(GROUPS)
+    assert all(group in ran.out for group in groups)
 
 
 def test_help_starts_without_the_libraries_that_simulate(folder):
@@ -194,7 +198,7 @@ def test_a_device_is_taken_by_number_and_by_name(gpuspec_):
         ("simulate s.toml --set camera.sampling_mm=fine", "must be a number"),
         ("simulate s.toml --set camera=5", "camera = 5 must be a table"),
         ("simulate s.toml --set camera.sampling_mm.x=1", "sampling_mm is not a table"),
-        ("simulate s.toml --set defects.1.depth_um=1", "defects is not a table"),
+        ("simulate s.toml --set defects.1.depth_um=1", "entries of a list are written [1]"),
         ("simulate s.toml --set self=1", "self is not a known key"),
         ("simulate s.toml --set =1", "is not a known key"),
         (f"simulate s.toml --set camera.rows={'[' * 50_000}", "nested too deeply"),

@@ -144,7 +144,7 @@ WRONG = {
     "unknown key with nothing near": (
         "xyz = 1",
         "xyz is not a known key; known here are camera, classes, defects, part, populations, "
-        "segmentation, sensor, sequence, tunnel.",
+        "segmentation, sensor, sequence, sweep, tunnel.",
     ),
     "unknown key of two lines": (
         '[part]\n"a\\nb" = 1',
@@ -623,7 +623,7 @@ def test_the_json_schema_explains_every_key():
 
 def test_every_length_in_the_schema_carries_its_unit():
     bare = {"low", "high", "median", "spread", "taper", "exposure", "prnu", "dark_leak",
-            "threshold", "elongation_min", "elongation_max"}  # fmt: skip
+            "threshold", "elongation_min", "elongation_max", "vary"}  # fmt: skip
     schema = Station.model_json_schema()
     for table in schema["$defs"].values():
         for key, node in schema_properties(schema, table).items():

@@ -20,7 +20,6 @@ from gpuspec.errors import OutputError, StationError
 from gpuspec.sweeps.plan import Plan
 from gpuspec.sweeps.table import schema
 
-ROWS_PER_PART = 512
 BYTES_PER_ROW = 3_000  # about: 2.2 KB exact, 5 KB with bounds, measured on the trim part
 _IDENTITY = "sweep.json"
 _LOCK = "sweep.lock"
@@ -39,6 +38,8 @@ class RunFolder:
     path : Path
     plan : Plan
     """
+
+    rows_per_part = 512
 
     def __init__(self, path: Path, plan: Plan) -> None:
         self.path = path
@@ -107,8 +108,6 @@ class RunFolder:
         for left in self.path.rglob(f"{_PARTIAL}*"):  # of a killed run: the lock is ours
             shutil.rmtree(left) if left.is_dir() else left.unlink()
 
-    rows_per_part = ROWS_PER_PART
-
     def check_valid(self) -> None:
         """Raise StationError, with the first reason, if no design of the table is valid."""
         found = self.invalid()
@@ -132,12 +131,12 @@ class RunFolder:
     @property
     def parts(self) -> int:
         """Number of files of a finished table."""
-        return -(-self.plan.designs // ROWS_PER_PART)
+        return -(-self.plan.designs // self.rows_per_part)
 
     def designs_of(self, part: int) -> range:
         """Return the designs of a file."""
-        first = part * ROWS_PER_PART
-        return range(first, min(first + ROWS_PER_PART, self.plan.designs))
+        first = part * self.rows_per_part
+        return range(first, min(first + self.rows_per_part, self.plan.designs))
 
     def file(self, part: int) -> Path:
         """Return the path of a file of the table."""
