@@ -6,6 +6,7 @@ import json
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,12 @@ from gpuspec.truth import KnownDefect, Truth
 # Of a light map on a device, per pixel: light coordinate, footprint, irradiance, reason of loss.
 BYTES_PER_PIXEL = 13
 _PLACED_KEPT = 64
+# Designs counted between two looks at whether to stop: half a second on two slow cores.
+_TOGETHER = {False: 64, True: 512}
+
+
+class StoppedError(Exception):
+    """Whoever wanted the rows does no more."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +75,13 @@ class Parts:
         Number of parts.
     samples : int
         Strata of the screening sample per part; 0: none is drawn.
+
+    Attributes
+    ----------
+    traced : int
+        Light maps traced so far.
+    stopped : threading.Event
+        Set from another thread, it ends the counting within a second by StoppedError.
     """
 
     def __init__(self, backend: Backend, count: int, samples: int) -> None:
@@ -75,6 +89,7 @@ class Parts:
         self.count = count
         self.samples = samples
         self.traced = 0
+        self.stopped = Event()
         self._placed: OrderedDict[str, Placed] = OrderedDict()
         self._bare: tuple[str, NDArray[np.floating[Any]]] | None = None
         self._kept: OrderedDict[tuple[str, int, bool], TracedPart] = OrderedDict()
@@ -109,9 +124,18 @@ class Parts:
             own = stations
             if number and any(station.sensor.noise for station in stations):
                 own = [with_part(station, number) for station in stations]
-            found.append(part.counter.count(own))
+            found.append(self._counted(part, own, _TOGETHER[sampled]))
             parts.append(replace(part, sample=part.sample if sampled else None))
         return found, parts
+
+    def _counted(self, part: TracedPart, stations: Sequence[Station], together: int) -> Levels:
+        found = Levels.empty(len(stations), len(part.zones.sizes))
+        every = np.arange(len(stations))
+        for some in np.split(every, range(together, len(every), together)):
+            if self.stopped.is_set():
+                raise StoppedError
+            found.put(some, part.counter.count([stations[i] for i in some]))
+        return found
 
     def _part(self, station: Station, number: int, *, sampled: bool) -> TracedPart:
         sampled = sampled and self.samples > 0

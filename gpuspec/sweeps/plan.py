@@ -176,7 +176,7 @@ def _with_design(station: Station, changes: Mapping[str, float | int]) -> Statio
     sections: dict[str, dict[str, Any]] = {}
     for key, value in changes.items():
         section, name = key.split(".")
-        sections.setdefault(section, dict(getattr(station, section)))[name] = value
+        sections.setdefault(section, {**getattr(station, section).__dict__})[name] = value
     try:
         made = {
             section: type(getattr(station, section)).model_validate(values)

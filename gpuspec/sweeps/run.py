@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -43,9 +44,21 @@ class Alone:
     bench: Bench
 
     def done(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, pa.Table]]:
-        """See :meth:`Crew.done`."""
-        for task in tasks:
-            yield task, self.bench.rows(task.designs, sampled=task.sampled)
+        """See :meth:`Crew.done`; the next task is begun while one's rows are written."""
+        stopped = self.bench.parts.stopped
+        stopped.clear()
+        with ThreadPoolExecutor(1) as pool:
+            before: tuple[Task, Future[pa.Table]] | None = None
+            try:
+                for task in tasks:
+                    begun = task, pool.submit(self.bench.rows, task.designs, sampled=task.sampled)
+                    if before:
+                        yield before[0], before[1].result()
+                    before = begun
+                if before:
+                    yield before[0], before[1].result()
+            finally:
+                stopped.set()
 
 
 def sweep(

@@ -22,6 +22,8 @@ _REACH_PX = 2
 _OUTLYING = 0.001  # share of the footprint
 _OUTLYING_MAX = 0.1  # share of the pixels: more than these are the surface itself
 _REGION_PX = 64
+_EACH = 500  # numbers of drawn pixels whose bounds are worked out one by one
+_STEPS = 2000
 
 CONFIDENCE = 0.99
 """Of all bounds of a sweep together."""
@@ -143,10 +145,14 @@ class Bounds:
 
 @lru_cache(maxsize=4)
 def _tables(bounds: Bounds) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return both bounds for every x; between steps of 0.2 %, those of the step further out."""
     n = bounds.strata
-    x = np.arange(n + 1)
-    low, high = np.zeros(n + 1), np.ones(n + 1)
+    steps = np.arange(min(n, _EACH))
+    x = np.unique(np.concatenate([steps, np.geomspace(_EACH, max(n, _EACH), _STEPS), [n]]))
+    x = x[x <= n].astype(np.int64)
+    low, high = np.zeros(len(x)), np.ones(len(x))
     low[1:] = special.betaincinv(x[1:], n - x[1:] + 1, bounds.risk)
     high[:-1] = special.betainccinv(x[:-1] + 1, n - x[:-1], bounds.risk)
-    total = n * bounds.weight
-    return low * total, high * total
+    every, total = np.arange(n + 1), n * bounds.weight
+    below = np.searchsorted(x, every, "right") - 1
+    return low[below] * total, high[np.searchsorted(x, every)] * total

@@ -155,11 +155,13 @@ class RunFolder:
         OutputError
             If the disk is full or the folder gone; the file is then as it was.
         """
-        # Dictionaries would differ with the order in which parts were made; plain text does not.
+        words = [f.name for f in self._schema if not pa.types.is_nested(f.type)]
         with writes_to(self.path):
             _write_whole(
                 self.file(part),
-                lambda file: pq.write_table(table.cast(self._schema), file, compression="zstd"),
+                lambda file: pq.write_table(
+                    table.cast(self._schema), file, compression="zstd", use_dictionary=words
+                ),
             )
 
     def read_part(self, part: int, columns: Sequence[str] | None = None) -> pa.Table:

@@ -1,0 +1,73 @@
+"""Prints how many designs a second one process tries, and how many several local ones do together.
+
+    python tests/benchmarks/workers.py [--workers 2 --designs 1536 --repeats 3]
+
+The trim part at full size, every pixel counted; the processes take turns. Starting the workers,
+and what the first design costs a process (its kernels, tracing), have lines of their own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import statistics
+import tempfile
+import time
+from pathlib import Path
+
+from gpuspec.backends import open_backend
+from gpuspec.stationfile import example
+from gpuspec.sweeps.bench import Bench
+from gpuspec.sweeps.cluster import crew
+from gpuspec.sweeps.plan import Plan
+from gpuspec.sweeps.run import Alone, Crew, Task, sweep
+
+
+def plan(designs: int) -> Plan:
+    """Return a plan of one geometry."""
+    stripes = f"1:12:{designs // 16}"
+    return Plan.of(example("trim"), {"tunnel.luminous_mm": stripes, "sensor.exposure": "1:8:16"})
+
+
+def seconds(swept: Plan, by: Crew) -> float:
+    """Return what a sweep takes from its first design to its last row on disk."""
+    with tempfile.TemporaryDirectory() as folder:
+        start = time.perf_counter()
+        sweep(swept, Path(folder) / "sweep", crew=by)
+        return time.perf_counter() - start
+
+
+def first(by: Crew, count: int) -> float:
+    """Return what the first design of each of some processes takes, at the same time."""
+    start = time.perf_counter()
+    list(by.done([Task(n, (n,), sampled=True) for n in range(count)]))
+    return time.perf_counter() - start
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--designs", type=int, default=1536)
+    parser.add_argument("--repeats", type=int, default=3)
+    options = parser.parse_args()
+    swept = plan(options.designs)
+    rows, columns = swept.station.shape
+    alone = Alone(Bench(swept, open_backend()))
+    print(f"{swept.designs} designs of {columns} x {rows} pixels on {alone.bench.backend.info}")
+    print(f"load of the machine before: {os.getloadavg()[0]:.2f}")
+    print(f"first design, one process: {first(alone, 1):.2f} s")
+    start = time.perf_counter()
+    with crew(swept, workers=options.workers) as together:
+        print(f"starting {options.workers} workers: {time.perf_counter() - start:.2f} s")
+        print(f"first design, {options.workers} workers: {first(together, options.workers):.2f} s")
+        ratios = []
+        for _ in range(options.repeats):
+            one, many = (swept.designs / seconds(swept, by) for by in (alone, together))
+            ratios.append(many / one)
+            print(f"one process {one:.1f}/s, {options.workers} workers {many:.1f}/s")
+    print(f"workers / one process: {statistics.median(ratios):.2f} (median)")
+
+
+if __name__ == "__main__":
+    main()
