@@ -24,8 +24,8 @@ from gpuspec.truth import KnownDefect, Truth
 # Of a light map on a device, per pixel: light coordinate, footprint, irradiance, reason of loss.
 BYTES_PER_PIXEL = 13
 _PLACED_KEPT = 64
-# Designs counted between two looks at whether to stop: half a second on two slow cores.
-_TOGETHER = {False: 64, True: 512}
+# Designs counted between two looks at whether to stop: a quarter of a second on two slow cores.
+_TOGETHER = {False: 32, True: 512}
 
 
 class StoppedError(Exception):
