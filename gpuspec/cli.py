@@ -15,6 +15,7 @@ from gpuspec import __version__
 from gpuspec.errors import GpuspecError
 from gpuspec.studies import commands as studies
 from gpuspec.sweeps.commands import sweep
+from gpuspec.sweeps.front_command import front
 from gpuspec.terminal import (
     BackendOption,
     DeviceOption,
@@ -134,6 +135,7 @@ def prototype(
 
 
 app.command()(sweep)
+app.command()(front)
 
 
 @app.command()

@@ -271,7 +271,7 @@ def _write_whole(path: Path, write: Any) -> None:
 def _identity_in(path: Path) -> dict[str, Any]:
     try:
         found: dict[str, Any] = json.loads((path / _IDENTITY).read_text("utf-8"))
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError):
         raise OutputError(
             f"{path} holds no sweep; `gpuspec sweep STATION -o {path}` makes one."
         ) from None

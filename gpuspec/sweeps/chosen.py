@@ -1,0 +1,226 @@
+"""What a rule chooses from a sweep, and the station that it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute
+from numpy.typing import NDArray
+
+from gpuspec.errors import OutputError, StationError
+from gpuspec.levels import thresholds
+from gpuspec.station import Station
+from gpuspec.sweeps.choice import Rule, f1_of
+from gpuspec.sweeps.front import Front, Points
+from gpuspec.sweeps.plan import Plan
+from gpuspec.sweeps.scores import COLUMNS, rows_of
+from gpuspec.sweeps.store import RunFolder
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """One design at one threshold.
+
+    Attributes
+    ----------
+    design : int
+        Its number.
+    values : dict of str to float or int
+        The varied keys.
+    threshold_dn : float
+        The highest of those that detect the same pixels, DN.
+    p1, p2, f1 : float
+    hits : int
+        Defects hit.
+    exact : bool
+        Whether P1 is that of every pixel, and not the most it may be: always, in a finished sweep.
+    """
+
+    design: int
+    values: dict[str, float | int]
+    threshold_dn: float
+    p1: float
+    p2: float
+    f1: float
+    hits: int
+    exact: bool
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the attributes as a dict that the json module can write."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What a rule chooses from a sweep.
+
+    Attributes
+    ----------
+    run : RunFolder
+    rule : Rule
+    defects : int
+        Most defects that can be hit on any of the designs; the rule's share is of these.
+    front : Points
+        By falling P2.
+    ranked : Points
+        Each design of the front at its best threshold there, the best design first.
+    """
+
+    run: RunFolder
+    rule: Rule
+    defects: int
+    front: Points
+    ranked: Points
+
+    @property
+    def plan(self) -> Plan:
+        """The sweep's plan."""
+        return self.run.plan
+
+    @property
+    def best(self) -> Chosen:
+        """The chosen design."""
+        return self.described(self.ranked, 0)
+
+    def described(self, points: Points, number: int) -> Chosen:
+        """Return one of some points with its values and its threshold."""
+        design, p1, p2 = int(points.design[number]), points.p1[number], points.p2[number]
+        return Chosen(
+            design, self.plan.values(design), self.threshold_dn(design, points.level[number]),
+            float(p1), float(p2), float(f1_of(p1, p2)), int(points.hits[number]),
+            bool(points.exact[number]),
+        )  # fmt: skip
+
+    def threshold_dn(self, design: int, level: float) -> float:
+        """Return a threshold in DN, given as one of 0 to 255."""
+        values = self.plan.values(design)
+        bits = int(values.get("sensor.bit_depth", self.plan.station.sensor.bit_depth))
+        return float(thresholds(2**bits - 1)[int(level)])
+
+    @property
+    def shortfall(self) -> str | None:
+        """What no design fulfils, and the option that asks for less; None: the rule is kept."""
+        best, rule = self.best, self.rule
+        required = rule.required(self.defects)
+        asked = f"all {required}" if required == self.defects else f"{required} of {self.defects}"
+        if best.hits < required:
+            share = int(100 * best.hits / self.defects) / 100
+            return (
+                f"no design hits {asked} defects; the most is {best.hits}. The best of those that "
+                f"hit {best.hits} is chosen; ask for fewer with --hit-share {share:g}."
+            )
+        for name, value, floor in (
+            ("p2", best.p2, rule.p2_floor), ("p1", best.p1, rule.p1_floor),
+        ):  # fmt: skip
+            if value < floor:
+                also = f" and has P2 of {rule.p2_floor:g}" if name == "p1" and rule.p2_floor else ""
+                return (
+                    f"no design that hits {asked} defects{also} reaches {name.upper()} "
+                    f"{floor:g}; the highest, {value:.4f}, is chosen. Ask for less with "
+                    f"--{name}-floor {int(100 * value) / 100:g}."
+                )
+        return None
+
+    def station(self) -> Station:
+        """Return the chosen station with its threshold, and part 0.
+
+        Raises
+        ------
+        StationError
+            If the threshold is full scale, above which nothing is detected.
+        """
+        best = self.best
+        station = self.plan.station_of(best.design)
+        if best.threshold_dn >= station.sensor.full_scale_dn:
+            raise StationError(
+                "the rule chooses a threshold above which nothing is detected; ask for some P2 "
+                "with --p2-floor, or for hits with --hit-share."
+            )
+        return station.replace(**{"segmentation.threshold": best.threshold_dn})
+
+    def details(self) -> dict[str, Any]:
+        """Return what else the chosen design's row tells.
+
+        Returns
+        -------
+        dict
+            What computed it: ``backend``, ``device``, ``driver``, ``version``; and, where the row
+            is at the chosen threshold, ``part_p1``, ``part_p2`` and ``part_hits`` of each part.
+        """
+        names = ("backend", "device", "driver", "version")
+        parts = ("part_p1", "part_p2", "part_hits")
+        own = ("exact", "best_p1", "best_p2", "best_hits")
+        best = self.best
+        (row,) = rows_of(self.run, [best.design], (*names, *parts, *own)).to_pylist()
+        same = tuple(row[name] for name in own) == (True, best.p1, best.p2, best.hits)
+        return {name: row[name] for name in (*names, *(parts if same else ()))}
+
+
+def choose(
+    run: RunFolder, rule: Rule | None = None, also: Callable[[pa.Table], None] | None = None
+) -> Choice:
+    """Choose from the designs that a sweep's folder holds; one file is held at a time.
+
+    For every rule that asks for no less P1, P2 or hits, the best point is on the front, and that is
+    exact where a sweep is finished, screened or not. Of equal points the lowest design is chosen.
+
+    Parameters
+    ----------
+    run : RunFolder
+    rule : Rule, optional
+    also : callable, optional
+        Told the `COLUMNS` of every file, in their order.
+
+    Raises
+    ------
+    OutputError
+        If the folder holds no designs yet, or a damaged file.
+    StationError
+        If none of the designs is a valid station.
+    """
+    rule = rule or Rule()
+    defects = most_defects(run)
+    front = Front()
+    for table in run.batches([*COLUMNS]):
+        table = table.filter(pa.compute.is_valid(table["exact"]))
+        if len(table):
+            front.add(table)
+            if also:
+                also(table)
+    points = front.points()
+    order = ranking(rule, points, defects)
+    _, first = np.unique(points.design[order], return_index=True)
+    return Choice(run, rule, defects, points, points.only(order[np.sort(first)]))
+
+
+def most_defects(run: RunFolder) -> int:
+    """Return the most defects that can be hit on any of the designs.
+
+    Raises
+    ------
+    OutputError, StationError
+        If there are no designs, or no valid ones.
+    """
+    if not run.there():
+        raise OutputError(
+            f"{run.path} holds no designs yet; run the same `gpuspec sweep` again to go on with it."
+        )
+    found = [pa.compute.max(table["defects"]).as_py() for table in run.batches(["defects"])]
+    valid = [most for most in found if most is not None]
+    if not valid:
+        (_, reason) = run.invalid() or (0, "")
+        raise StationError(f"no design of the sweep is a valid station, e.g.: {reason}")
+    return int(max(valid))
+
+
+def ranking(rule: Rule, points: Points, defects: int) -> NDArray[np.intp]:
+    """Return the places of points from the best to the worst; of equals the lowest design first."""
+    criteria = rule.criteria(points.p1, points.p2, points.hits, defects)
+    order: NDArray[np.intp] = np.lexsort(
+        (points.level, points.design, *(-c for c in reversed(criteria)))
+    )
+    return order

@@ -1,0 +1,233 @@
+"""The command that chooses from a sweep, and draws it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from gpuspec.terminal import PicturesOption, console, extra, progress
+
+if TYPE_CHECKING:
+    from gpuspec.sweeps.chosen import Choice
+    from gpuspec.sweeps.sensitivity import Line
+
+FILES = (
+    "front.csv", "chosen.json", "sensitivity.csv", "front.png", "maps.png", "sensitivity.png",
+)  # fmt: skip
+NEXT = 10
+_WITHOUT_KEYS, _OF_A_KEY = 44, 9  # columns of the terminal, about
+
+
+def front(
+    run: Annotated[Path, typer.Argument(help="Folder of a sweep.")],
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="Folder for the results. Not given: RUN/front."),
+    ] = None,
+    goal: Annotated[
+        str, typer.Option("--goal", help="What is to be highest: p1, p2 or f1.")
+    ] = "p1",
+    hit_share: Annotated[
+        float, typer.Option("--hit-share", help="Least share of the defects that must be hit.")
+    ] = 1.0,
+    p2_floor: Annotated[float, typer.Option("--p2-floor", help="Least P2.")] = 0.5,
+    p1_floor: Annotated[float, typer.Option("--p1-floor", help="Least P1.")] = 0.0,
+    write: Annotated[
+        Path | None,
+        typer.Option("--write", help="Write the chosen station, e.g. best.toml, to simulate it."),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+    pictures: PicturesOption = True,
+) -> None:
+    """Choose from a sweep: the best design and its threshold, P2 versus P1, maps, sensitivity."""
+    with extra("sweep"):
+        from gpuspec.sweeps.choice import Rule
+        from gpuspec.sweeps.chosen import choose, most_defects
+        from gpuspec.sweeps.store import RunFolder
+    from gpuspec.report import output_folder
+    from gpuspec.stationfile import to_toml, write_new
+    from gpuspec.sweeps.maps import Maps
+    from gpuspec.sweeps.sensitivity import lines
+
+    rule = Rule(goal, p2_floor, p1_floor, hit_share)  # type: ignore[arg-type]
+    output = output or run / "front"
+    with progress() as tell:
+        tell("choosing")
+        folder = RunFolder.read(run)
+        maps = Maps(folder.plan, rule, most_defects(folder)) if pictures else None
+        choice = choose(folder, rule, maps.add if maps else None)
+        found = lines(choice)
+        if write:
+            write_new(write, to_toml(choice.station(), absolute=True), force=force)
+        with output_folder(output, FILES) as partial:
+            _write_tables(partial, choice, found)
+            if maps:
+                tell("drawing")
+                _draw(partial, choice, found, maps)
+            written = [name for name in FILES if (partial / name).exists()]
+    _print_choice(choice, found)
+    out = console()
+    out.print(f"{', '.join(written)} in {output}", soft_wrap=True)
+    if write:
+        out.print(f"{write} written; simulate it with: gpuspec simulate {write}", soft_wrap=True)
+
+
+def _write_tables(folder: Path, choice: Choice, found: list[Line]) -> None:
+    import csv
+    import json
+
+    from gpuspec import __version__
+    from gpuspec.sweeps.sensitivity import write_csv
+
+    write_csv(folder / "sensitivity.csv", choice, found)
+    with (folder / "front.csv").open("w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file)
+        keys = [a.key for a in choice.plan.axes]
+        names = ("threshold_dn", "p1", "p2", "f1", "hits", "exact")
+        table.writerow(["design", *keys, *names])
+        for number in range(len(choice.front.design)):
+            point = choice.described(choice.front, number)
+            cells = [getattr(point, name) for name in names[:-1]]
+            table.writerow(
+                [point.design, *point.values.values(), *cells, "yes" if point.exact else "no"]
+            )
+    plan = choice.plan
+    content: dict[str, Any] = {
+        "gpuspec": __version__,
+        **choice.details(),
+        "rule": str(choice.rule),
+        "fulfilled": choice.shortfall is None,
+        "designs": plan.designs,
+        "missing": plan.designs - choice.run.there(),
+        "parts": plan.parts,
+        "defects": choice.defects,
+        "chosen": choice.best.as_dict(),
+        "tolerated": {line.key: line.span(line.own) for line in found},
+        "tolerated_at_threshold": {line.key: line.span(line.held) for line in found},
+    }
+    (folder / "chosen.json").write_text(json.dumps(content, indent=2) + "\n", "utf-8")
+
+
+def _draw(folder: Path, choice: Choice, found: list[Line], maps: Any) -> None:
+    from gpuspec.page import DPI
+    from gpuspec.sweeps import diagrams
+    from gpuspec.sweeps.front_picture import front_picture
+
+    sketches = {
+        "front.png": front_picture(choice),
+        "sensitivity.png": diagrams.sensitivity_picture(choice, found),
+    }
+    varied = [line.key for line in found if len(line.values) > 1]
+    mapped = maps.of(varied[: diagrams.MAPPED_KEYS])
+    if mapped:
+        sketches["maps.png"] = diagrams.maps_picture(choice, mapped)
+    for name, figure in sketches.items():
+        figure.savefig(folder / name, dpi=DPI)
+
+
+def _print_choice(choice: Choice, found: list[Line]) -> None:
+    from rich.table import Table
+    from rich.text import Text
+
+    from gpuspec.sweeps.sensitivity import SHARE
+
+    out = console()
+    best = choice.best
+    there = choice.run.there()
+    out.print(
+        Text.assemble(
+            (str(choice.run.path), "bold"),
+            f": {there:,} design(s), {len(choice.ranked.design):,} on the front",
+        ),
+        soft_wrap=True,
+    )
+    out.print(f"rule: {choice.rule}", soft_wrap=True)
+    for note in _notes(choice, found, there):
+        out.print(Text.assemble(("note: ", "yellow"), note), soft_wrap=True)
+    table = Table(
+        f"design {best.design}", "chosen", f"within {SHARE:.0%}", "within, threshold held",
+        title="chosen", title_justify="left",
+    )  # fmt: skip
+    tolerated = {line.key: line for line in found}
+    for key, value in best.values.items():
+        line = tolerated[key]
+        ranges = (line.tolerated(course) for course in (line.own, line.held))
+        table.add_row(key, f"{value:g}", *ranges)
+    bound = "" if best.exact else "<= "
+    table.add_section()
+    table.add_row("threshold", f"{best.threshold_dn:.6g} DN")
+    table.add_row("P1 (overdetection)", f"{bound}{best.p1:.4f}")
+    table.add_row("P2 (misdetection)", f"{best.p2:.4f}")
+    table.add_row("F1", f"{bound}{best.f1:.4f}")
+    table.add_row("defects hit", f"{best.hits} of {choice.defects}")
+    out.print(table)
+    _print_next(choice, [line.key for line in found])
+
+
+def _print_next(choice: Choice, keys: list[str]) -> None:
+    """Print the designs after the chosen one, with as many keys as fit, the first ones first."""
+    from rich.table import Table
+
+    others = range(1, min(NEXT + 1, len(choice.ranked.p1)))
+    if not others:
+        return
+    out = console()
+    shown = keys[: max((out.width - _WITHOUT_KEYS) // _OF_A_KEY, 1)]
+    left_out = "" if len(shown) == len(keys) else "; all keys in front.csv"
+    shown = [key for key in choice.best.values if key in shown]
+    table = Table(
+        "design", *(key.rpartition(".")[2] for key in shown), "DN", "P1", "P2", "F1", "hits",
+        box=None, title=f"next on the front, by the rule{left_out}", title_justify="left",
+    )  # fmt: skip
+    for column in table.columns:
+        column.justify, column.overflow = "right", "fold"
+    for number in others:
+        one = choice.described(choice.ranked, number)
+        table.add_row(
+            str(one.design), *(f"{one.values[key]:g}" for key in shown),
+            f"{one.threshold_dn:.5g}", *(f"{v:.3f}" for v in (one.p1, one.p2, one.f1)),
+            str(one.hits),
+        )  # fmt: skip
+    out.print(table)
+
+
+def _notes(choice: Choice, lines: list[Line], there: int) -> list[str]:
+    from gpuspec.sweeps.sensitivity import SHARE
+
+    plan, best = choice.plan, choice.best
+    found = []
+    if there < plan.designs:
+        found.append(
+            f"{plan.designs - there:,} of {plan.designs:,} designs are missing; the same `gpuspec "
+            f"sweep` goes on with them, and another design may then be chosen."
+        )
+    if not choice.front.exact.all():
+        found.append(
+            "the sweep was stopped before the front was made exact: its P1 is the most it may be; "
+            "the same `gpuspec sweep` makes it exact."
+        )
+    invalid = choice.run.invalid()
+    if invalid:
+        found.append(f"{invalid[0]:,} designs are no valid station, e.g.: {invalid[1]}")
+    if choice.shortfall:
+        found.append(choice.shortfall)
+    alone = [line.key for line in lines if line.alone]
+    if alone:
+        found.append(
+            f"a lone peak: at the next values of {', '.join(alone)} the score falls by more than "
+            f"{SHARE:.0%}, even with the threshold chosen anew. Another goal, fewer hits or a "
+            f"higher P2 may choose a design with more room."
+        )
+    if plan.parts > 1:
+        details = choice.details()
+        first = ""
+        if "part_p1" in details:
+            p1, p2, hits = (details[f"part_{name}"][0] for name in ("p1", "p2", "hits"))
+            first = f", on which it has P1 {p1:.4f}, P2 {p2:.4f} and hits {hits} defects"
+        found.append(
+            f"the scores are over {plan.parts} parts with {best.hits} of {choice.defects} defects "
+            f"hit; a station file holds the first part{first}."
+        )
+    return found
