@@ -332,7 +332,7 @@ class Station(Section):
             return target[place]
         if isinstance(target, list):
             raise StationError(
-                f"{self._file}: {path} cannot be changed: entries of a list are written [1], [2] ..."
+                f"{self._file}: {path} cannot be changed: a list has entries [1], [2] ..."
             )
         found = target.setdefault(place, {}) if isinstance(target, dict) else None
         if isinstance(found, tuple):

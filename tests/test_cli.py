@@ -198,7 +198,7 @@ def test_a_device_is_taken_by_number_and_by_name(gpuspec_):
         ("simulate s.toml --set camera.sampling_mm=fine", "must be a number"),
         ("simulate s.toml --set camera=5", "camera = 5 must be a table"),
         ("simulate s.toml --set camera.sampling_mm.x=1", "sampling_mm is not a table"),
-        ("simulate s.toml --set defects.1.depth_um=1", "entries of a list are written [1]"),
+        ("simulate s.toml --set defects.1.depth_um=1", "a list has entries [1]"),
         ("simulate s.toml --set self=1", "self is not a known key"),
         ("simulate s.toml --set =1", "is not a known key"),
         (f"simulate s.toml --set camera.rows={'[' * 50_000}", "nested too deeply"),
