@@ -542,6 +542,12 @@ def test_the_plan_alone_writes_nothing(gpuspec_: Command):
     assert not Path("sweep").exists()
 
 
+def test_another_sweeps_folder_is_refused_before_the_plan(gpuspec_: Command):
+    assert gpuspec_("sweep", "s.toml", "--vary", "tunnel.luminous_mm=1:4:4").code == 0
+    told = said(gpuspec_("sweep", "s.toml", "--vary", "tunnel.luminous_mm=1:4:3"))
+    assert "tunnel.luminous_mm is 1, 2, 3, 4 there and 1, 2.5, 4 here" in told
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

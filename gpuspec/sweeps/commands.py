@@ -83,6 +83,7 @@ def sweep(
         (samples or STRATA) if screen or samples else 0,
     )
     check_space(output, plan)
+    RunFolder(output, plan).check_same()
     done = RunFolder(output, plan).there() if (output / "designs").is_dir() else 0
     with _crew(plan, workers, scheduler, backend, device) as (crew, told):
         _print_plan(plan, told, done, output)

@@ -94,7 +94,8 @@ class RunFolder:
         finally:
             lock.release()
 
-    def _begin(self) -> None:
+    def check_same(self) -> None:
+        """Raise OutputError, with what differs, if the folder holds another sweep."""
         if (self.path / _IDENTITY).exists():
             differ = differences(_identity_in(self.path), self.plan.identity())
             if differ:
@@ -102,7 +103,10 @@ class RunFolder:
                     f"{self.path} holds another sweep: {'; '.join(differ)}. Choose another folder "
                     f"with -o, or the same sweep to go on with it."
                 )
-        else:
+
+    def _begin(self) -> None:
+        self.check_same()
+        if not (self.path / _IDENTITY).exists():
             text = json.dumps(self.plan.identity(), indent=1) + "\n"
             _write_whole(self.path / _IDENTITY, lambda file: file.write_text(text, "utf-8"))
         for left in self.path.rglob(f"{_PARTIAL}*"):  # of a killed run: the lock is ours
