@@ -51,6 +51,17 @@ def devices() -> list[Any]:
     return sorted(found, key=lambda d: not d.type & cl.device_type.GPU)
 
 
+def gpu_count() -> int:
+    """Return the number of GPUs among the devices, where they come first; 0 without OpenCL."""
+    try:
+        found = devices()
+    except BackendError:
+        return 0
+    import pyopencl as cl
+
+    return sum(bool(device.type & cl.device_type.GPU) for device in found)
+
+
 def describe(device: Any) -> DeviceInfo:
     """Return what is recorded of a device."""
     platform = device.platform

@@ -28,23 +28,29 @@ from gpuspec.reference import NumpyBackend
 from gpuspec.station import Station
 
 PACKAGE = Path(gpuspec.__file__).parent
-MODULES = sorted(path.stem for path in PACKAGE.glob("*.py"))
+MODULES = sorted(
+    ".".join(path.relative_to(PACKAGE).with_suffix("").parts) for path in PACKAGE.rglob("*.py")
+)
 # Arrays in, arrays and tables out: they must serve real frames, too.
 ARRAYS_ALONE = ("segmentation", "measures", "classification", "scoring", "truth")
 ENGINES = {
     "pyopencl": {"opencl"},
-    "gpuspec.opencl": {"backends"},
+    # The second for its types, the third to share GPUs out.
+    "gpuspec.opencl": {"backends", "opencl_levels", "sweeps.remote"},
     "moderngl": {"opengl"},
     "gpuspec.opengl": {"backends"},
     "wgpu": {"vulkan"},
     "gpuspec.vulkan": {"backends"},
-    "gpuspec.reference": {"backends", "figures"},  # figures draws ray paths
+    # Figures draw ray paths; heights move light less than float32 tells.
+    "gpuspec.reference": {"backends", "figures", "studies.height"},
 }
 
 
 def imports(module: str) -> set[str]:
     """Modules that a module of the package imports, at its top or inside a function."""
-    tree = ast.parse((PACKAGE / f"{module}.py").read_text(encoding="utf-8"))
+    tree = ast.parse(
+        PACKAGE.joinpath(*module.split(".")).with_suffix(".py").read_text(encoding="utf-8")
+    )
     found = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):

@@ -288,7 +288,7 @@ def test_workers_of_a_machine_take_different_gpus_and_share_memory(
         return Opened()
 
     monkeypatch.setattr(remote, "open_backend", open_backend)
-    monkeypatch.setattr(remote, "_gpus", lambda: 2)
+    monkeypatch.setattr(remote, "gpu_count", lambda: 2)
     monkeypatch.setattr(remote.tempfile, "gettempdir", lambda: str(tmp_path))
     remote._place.cache_clear()
     with FileLock(tmp_path / "gpuspec-worker-0.lock"):  # another worker's

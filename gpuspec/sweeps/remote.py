@@ -14,7 +14,7 @@ import pyarrow as pa
 from filelock import FileLock, Timeout
 
 from gpuspec.backends import Backend, open_backend
-from gpuspec.errors import BackendError
+from gpuspec.opencl import gpu_count
 from gpuspec.station import Station
 from gpuspec.sweeps.bench import Bench
 from gpuspec.sweeps.plan import Plan
@@ -85,25 +85,12 @@ def _bench(plan: str, backend: str, device: str | None, neighbours: int) -> Benc
 
 def _own(backend: str, device: str | None, neighbours: int) -> Backend:
     """Open this worker's device, with its share of the memory."""
-    gpus = _gpus() if device is None and backend in ("auto", "opencl") else 0
+    gpus = gpu_count() if device is None and backend in ("auto", "opencl") else 0
     if gpus > 1:
         device = str(_place()[0] % gpus)
     opened = open_backend(backend, device)
     opened.memory_bytes //= -(-neighbours // max(gpus, 1))
     return opened
-
-
-def _gpus() -> int:
-    """Return the number of OpenCL's GPUs; they come first among its devices."""
-    from gpuspec import opencl
-
-    try:
-        found = opencl.devices()
-    except BackendError:
-        return 0
-    import pyopencl as cl
-
-    return sum(bool(device.type & cl.device_type.GPU) for device in found)
 
 
 @lru_cache(maxsize=1)
