@@ -269,7 +269,7 @@ def test_front_writes_what_it_chose_and_simulate_reproduces_it(
 ) -> None:
     out, content = front_of(gpuspec_, swept["exact"], "--write", "best.toml", "--goal", "f1")
     chosen = content["chosen"]
-    assert "all defects hit, P2 at least 0.5, then the highest F1" in out
+    assert "all defects hit, P2 at least 0.85, then the highest F1" in out
     assert f"design {chosen['design']}" in out
     assert f"{chosen['p1']:.4f}" in out
     assert content["fulfilled"]

@@ -32,7 +32,7 @@ def front(
     hit_share: Annotated[
         float, typer.Option("--hit-share", help="Least share of the defects that must be hit.")
     ] = 1.0,
-    p2_floor: Annotated[float, typer.Option("--p2-floor", help="Least P2.")] = 0.5,
+    p2_floor: Annotated[float, typer.Option("--p2-floor", help="Least P2.")] = 0.85,
     p1_floor: Annotated[float, typer.Option("--p1-floor", help="Least P1.")] = 0.0,
     write: Annotated[
         Path | None,
