@@ -75,6 +75,34 @@ def axis(station: Station, key: str, given: str | float | Sequence[float]) -> Ax
     return Axis(key, tuple(round(value) for value in values))
 
 
+def bounds(station: Station, key: str, given: str | float | Sequence[float]) -> Axis:
+    """Return the two ends between which a key may lie.
+
+    Parameters
+    ----------
+    station : Station
+        Whose key it is.
+    key : str
+        Dotted path, see :func:`axis`.
+    given : str, number or list of numbers
+        ``"1:12"``, or what :func:`axis` takes, whose least and greatest value are the ends.
+
+    Raises
+    ------
+    StationError
+        As :func:`axis`, or if there is one value only.
+    """
+    if isinstance(given, str) and given.count(":") == 1:
+        low, high = given.split(":")
+        given = f"{given}:2" if low.strip() != high.strip() else low
+    values = axis(station, key, given).values
+    if len(values) < 2:
+        raise StationError(
+            f"{key}: {_shown(given)} leaves nothing to search; write FROM:TO, e.g. 1:12."
+        )
+    return Axis(key, (min(values), max(values)))
+
+
 def vary_option(text: str) -> tuple[str, str]:
     """Split ``KEY=RANGE`` as ``--vary`` takes it.
 

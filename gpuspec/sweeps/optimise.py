@@ -1,0 +1,277 @@
+"""Continuous search for the best station: designs between bounds, not those of a grid."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import optuna
+from filelock import FileLock, Timeout
+from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
+
+from gpuspec import __version__
+from gpuspec.backends import Backend, DeviceInfo, open_backend
+from gpuspec.errors import OutputError, StationError
+from gpuspec.levels import thresholds
+from gpuspec.station import Station
+from gpuspec.stationfile import to_toml, write_new
+from gpuspec.sweeps.axes import bounds
+from gpuspec.sweeps.choice import Rule
+from gpuspec.sweeps.curves import Curves
+from gpuspec.sweeps.parts import Parts
+from gpuspec.sweeps.plan import Plan
+from gpuspec.sweeps.search import Search, Trial, Values, best_of
+from gpuspec.sweeps.store import differences
+
+IDENTITY, JOURNAL, LOCK = "optimise.json", "optimise.journal", "optimise.lock"
+WRITTEN = ("trials.csv", "optimise.png")
+Progress = Callable[[Trial, int], None]
+"""Told each new trial, and how many there are with it."""
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """What a search found.
+
+    Attributes
+    ----------
+    plan : Plan
+        With two values of each key: the bounds.
+    rule : Rule
+    trials : tuple of Trial
+    best : int
+        Which of them is the best by the rule.
+    info : DeviceInfo
+    """
+
+    plan: Plan
+    rule: Rule
+    trials: tuple[Trial, ...]
+    best: int
+    info: DeviceInfo
+
+    def station(self) -> Station:
+        """Return the best station with its threshold, and part 0.
+
+        Raises
+        ------
+        StationError
+            If the threshold is full scale, above which nothing is detected.
+        """
+        best = self.trials[self.best]
+        station = self.plan.station.replace(**best.values)
+        if best.threshold_dn >= station.sensor.full_scale_dn:
+            raise StationError(
+                "the rule chooses a threshold above which nothing is detected; ask for some P2 "
+                "with --p2-floor, or for hits with --hit-share."
+            )
+        return station.replace(**{"segmentation.threshold": best.threshold_dn})
+
+
+def plan_of(
+    station: Station, vary: Mapping[str, Any] | None = None, parts: int | None = None
+) -> Plan:
+    """Return the bounds of a search as a plan with the two ends of each key.
+
+    Parameters
+    ----------
+    station : Station
+        Its ``[sweep]`` table is taken where the other parameters are None.
+    vary : mapping of str to str, number or list, optional
+        Keys and what :func:`gpuspec.sweeps.axes.bounds` takes.
+    parts : int, optional
+        Number of parts each design is tried on.
+
+    Raises
+    ------
+    StationError
+        As for a sweep, see :meth:`Plan.of`.
+    """
+    if vary is None:
+        vary = station.sweep.vary if station.sweep else {}
+    ends = {key: bounds(station, key, given).values for key, given in vary.items()}
+    return Plan.of(station, ends, parts)
+
+
+def tried(plan: Plan, rule: Rule, parts: Parts, values: Values, *, step: bool) -> Trial:
+    """Try one design at all thresholds, exactly.
+
+    Raises
+    ------
+    BackendError
+        If the device fails.
+    """
+    try:
+        station = plan.station.replace(**values)
+        levels, traced = parts.levels([station], sampled=False)
+    except StationError as error:
+        return Trial(values, step, reason=str(error))
+    curves = Curves.of(levels, traced, risk=1.0)
+    defects = int(curves.seen.sum())
+    if not defects:
+        return Trial(values, step, reason="no pixel of a defect's zone is in view.")
+    p1, p2, hits = curves.p1[0], curves.p2[0], curves.hits.sum(axis=0)[0]
+    at = rule.best(p1, p2, hits, defects)
+    threshold = float(thresholds(station.sensor.full_scale_dn)[at])
+    return Trial(
+        values, step, None, threshold, float(p1[at]), float(p2[at]), int(hits[at]), defects
+    )
+
+
+def optimise(
+    plan: Plan,
+    folder: str | Path,
+    trials: int,
+    rule: Rule | None = None,
+    seed: int = 0,
+    backend: str | Backend = "auto",
+    device: str | None = None,
+    progress: Progress | None = None,
+) -> Optimum:
+    """Search until there are so many trials, those that the folder holds included.
+
+    Parameters
+    ----------
+    plan : Plan
+        See :func:`plan_of`.
+    folder : str or Path
+        Of a new search, or of this one to go on with.
+    trials : int
+    rule : Rule, optional
+    seed : int
+    backend : str or Backend
+        A name for :func:`gpuspec.backends.open_backend`, or an open backend.
+    device : str, optional
+        Part of the device's name, or its number.
+    progress : callable, optional
+
+    Raises
+    ------
+    OutputError
+        If the folder holds another search or anything else, or cannot be written.
+    StationError
+        If no trial is a valid station.
+    BackendError
+        If the device is absent or fails.
+    """
+    rule, folder = rule or Rule(), Path(folder)
+    engine = open_backend(backend, device) if isinstance(backend, str) else backend
+    identity = {
+        "gpuspec": __version__,
+        "station": to_toml(plan.station, comments=False, absolute=True),
+        "vary": {a.key: list(a.values) for a in plan.axes},
+        "parts": plan.parts,
+        "rule": str(rule),
+        "seed": seed,
+    }
+    search = Search(plan.axes, rule, seed)
+    with _writing(folder, identity) as study:
+        for stored in study.get_trials(deepcopy=False):
+            search.add(Trial(dict(stored.params), **stored.user_attrs))
+        parts = Parts(engine, plan.parts, 0)
+        while len(search.trials) < trials:
+            values, step = search.propose()
+            trial = tried(plan, rule, parts, values, step=step)
+            with _writes_to(folder):
+                study.add_trial(search.frozen(trial))
+            search.add(trial)
+            if progress:
+                progress(trial, len(search.trials))
+    best = best_of(search.trials, rule)
+    if best is None:
+        raise StationError(f"no trial is a valid station. The first: {search.trials[0].reason}")
+    return Optimum(plan, rule, tuple(search.trials), best, engine.info)
+
+
+class _Held(JournalFileOpenLock):
+    """For a journal whose folder is locked already: a killed process leaves no lock behind."""
+
+    def acquire(self) -> bool:
+        return True
+
+    def release(self) -> None:
+        pass
+
+
+@contextmanager
+def _writing(folder: Path, identity: dict[str, Any]) -> Iterator[optuna.Study]:
+    """Open the study of a folder, a new one or one to go on with, and lock it."""
+    with _writes_to(folder):
+        known = (folder / IDENTITY).exists()
+        others = [p.name for p in folder.iterdir()] if folder.exists() and not known else []
+        others = [name for name in others if name not in (LOCK, JOURNAL)]
+        if others:
+            raise OutputError(
+                f"{folder} holds other files ({others[0]}); choose an empty folder, or that of the "
+                f"search to go on with, with -o."
+            )
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(folder / LOCK, timeout=0)
+        try:
+            lock.acquire()
+        except Timeout:
+            raise OutputError(
+                f"{folder} is being written by another gpuspec; wait for it, or choose another "
+                f"folder with -o."
+            ) from None
+    try:
+        with _writes_to(folder):
+            _claim(folder, identity)
+            study = _study(folder / JOURNAL)
+        yield study
+    finally:
+        lock.release()
+
+
+def _claim(folder: Path, identity: dict[str, Any]) -> None:
+    path = folder / IDENTITY
+    if not path.exists():
+        write_new(path, json.dumps(identity, indent=1) + "\n")
+        return
+    try:
+        held = json.loads(path.read_text("utf-8"))
+        said = differences({**held, "samples": 0}, {**identity, "samples": 0})
+        for name in ("rule", "seed"):
+            if held[name] != identity[name]:
+                said.append(f"the {name} is {held[name]!s} there and {identity[name]!s} here")
+    except (ValueError, KeyError, TypeError):
+        raise OutputError(f"{path} is not that of a search; choose another folder.") from None
+    if said:
+        raise OutputError(
+            f"{folder} holds another search: {'; '.join(said)}. Choose another folder with -o, or "
+            f"the same search to go on with it."
+        )
+
+
+def _study(journal: Path) -> optuna.Study:
+    """Open Optuna's journal; a last line that a killed process left unfinished is cut off."""
+    if journal.exists():
+        with journal.open("r+b") as file:
+            file.truncate(file.read().rfind(b"\n") + 1)
+    try:
+        storage = optuna.storages.JournalStorage(
+            JournalFileBackend(os.fspath(journal), lock_obj=_Held(os.fspath(journal)))
+        )
+        return optuna.create_study(
+            storage=storage, study_name="gpuspec", directions=["maximize"] * 2, load_if_exists=True
+        )
+    except (ValueError, KeyError) as error:
+        raise OutputError(
+            f"{journal} cannot be read ({error}); remove it to begin the search anew."
+        ) from None
+
+
+@contextmanager
+def _writes_to(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(
+            f"the search cannot be written to {folder}: {error.strerror or error}. Free some space "
+            f"or make the folder writable and run the same command again: it goes on where it was."
+        ) from None
