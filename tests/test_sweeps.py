@@ -542,6 +542,12 @@ def test_the_plan_alone_writes_nothing(gpuspec_: Command):
     assert not Path("sweep").exists()
 
 
+def test_a_threshold_of_the_stations_own_is_left_out_and_told(gpuspec_: Command):
+    ran = gpuspec_("sweep", "s.toml", "--vary", "tunnel.luminous_mm=1:4:4", "--plan", "--set",
+                   "segmentation.min_area_mm2=0.1")  # fmt: skip
+    assert "threshold and size filter are left out" in ran.out
+
+
 def test_another_sweeps_folder_is_refused_before_the_plan(gpuspec_: Command):
     assert gpuspec_("sweep", "s.toml", "--vary", "tunnel.luminous_mm=1:4:4").code == 0
     told = said(gpuspec_("sweep", "s.toml", "--vary", "tunnel.luminous_mm=1:4:3"))

@@ -76,8 +76,9 @@ def sweep(
         from gpuspec.sweeps.store import RunFolder, check_space
     from gpuspec.station import Station
 
+    described = changed(Station.read(station), change)
     plan = Plan.of(
-        changed(Station.read(station), change),
+        described,
         dict(map(vary_option, vary)) if vary else None,
         parts,
         (samples or STRATA) if screen or samples else 0,
@@ -87,6 +88,12 @@ def sweep(
     done = RunFolder(output, plan).there() if (output / "designs").is_dir() else 0
     with _crew(plan, workers, scheduler, backend, device) as (crew, told):
         _print_plan(plan, told, done, output)
+        if described.segmentation != plan.station.segmentation:
+            console().print(
+                "note: the station's own threshold and size filter are left out: every design is "
+                "scored at all thresholds.",
+                soft_wrap=True,
+            )
         if plan_only:
             return
         run, seconds = _swept(plan, output, crew)
