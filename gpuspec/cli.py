@@ -16,6 +16,7 @@ from gpuspec.errors import GpuspecError
 from gpuspec.studies import commands as studies
 from gpuspec.sweeps.commands import sweep
 from gpuspec.sweeps.front_command import front
+from gpuspec.sweeps.optimise_command import optimise
 from gpuspec.terminal import (
     BackendOption,
     DeviceOption,
@@ -136,6 +137,7 @@ def prototype(
 
 app.command()(sweep)
 app.command()(front)
+app.command()(optimise)
 
 
 @app.command()

@@ -23,7 +23,17 @@ from gpuspec.report import FILES
 from gpuspec.station import Station
 from gpuspec.stationfile import examples
 
-COMMANDS = ("simulate", "demo", "prototype", "sweep", "front", "init", "schema", "devices")
+COMMANDS = (
+    "simulate",
+    "demo",
+    "prototype",
+    "sweep",
+    "front",
+    "optimise",
+    "init",
+    "schema",
+    "devices",
+)
 GROUPS = ("study",)
 
 

@@ -1,0 +1,130 @@
+"""The command that searches between bounds, and draws what it tried."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gpuspec.terminal import (
+    BackendOption,
+    DeviceOption,
+    OutputOption,
+    SetOption,
+    StationArgument,
+    changed,
+    console,
+    extra,
+    progress,
+)
+
+if TYPE_CHECKING:
+    from gpuspec.sweeps.optimise import Optimum
+    from gpuspec.sweeps.search import Trial
+
+
+def optimise(
+    station: StationArgument,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--vary",
+            metavar="KEY=FROM:TO",
+            help="A key and its bounds. Not given: the ends of the ranges in [sweep].",
+        ),
+    ] = None,
+    trials: Annotated[
+        int, typer.Option("--trials", min=1, help="Designs to try, earlier ones included.")
+    ] = 200,
+    parts: Annotated[
+        int | None, typer.Option("--parts", help="Parts that each design is tried on.")
+    ] = None,
+    goal: Annotated[
+        str, typer.Option("--goal", help="What is to be highest: p1, p2 or f1.")
+    ] = "p1",
+    hit_share: Annotated[
+        float | None, typer.Option("--hit-share", help="Least share of defects to be hit.")
+    ] = None,
+    p2_floor: Annotated[float | None, typer.Option("--p2-floor", help="Least P2.")] = None,
+    p1_floor: Annotated[float | None, typer.Option("--p1-floor", help="Least P1.")] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the search.")] = 0,
+    output: OutputOption = Path("optimum"),
+    write: Annotated[
+        Path | None, typer.Option("--write", help="Write the best station, e.g. best.toml.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+    backend: BackendOption = "auto",
+    device: DeviceOption = None,
+    change: SetOption = None,
+) -> None:
+    """Search between bounds for the best design; the same command with more trials goes on."""
+    with extra("optimise"):
+        from gpuspec.sweeps.optimise import WRITTEN, plan_of
+        from gpuspec.sweeps.optimise import optimise as search
+    from gpuspec.errors import OutputError
+    from gpuspec.report import output_folder
+    from gpuspec.station import Station
+    from gpuspec.stationfile import to_toml, write_new
+    from gpuspec.sweeps.axes import vary_option
+    from gpuspec.sweeps.choice import Rule
+    from gpuspec.sweeps.optimise_picture import optimise_picture, write_trials
+
+    if write and write.exists() and not force:
+        raise OutputError(f"{write} exists already; choose another name, or --force to replace it.")
+    floors = {"p2_floor": p2_floor, "p1_floor": p1_floor, "hit_share": hit_share}
+    rule = Rule(goal, **{k: v for k, v in floors.items() if v is not None})  # type: ignore[arg-type]
+    plan = plan_of(
+        changed(Station.read(station), change),
+        dict(map(vary_option, vary)) if vary else None,
+        parts,
+    )
+    began, done = time.monotonic(), 0
+    with progress() as tell:
+
+        def told(trial: Trial, number: int) -> None:
+            nonlocal done
+            done += 1
+            tell(f"trial {number} of {trials}")
+
+        found = search(plan, output, trials, rule, seed, backend, device, told)
+        seconds = time.monotonic() - began
+        with output_folder(output, WRITTEN) as partial:
+            write_trials(partial / WRITTEN[0], found)
+            (partial / WRITTEN[1]).write_bytes(optimise_picture(found))
+    if write:
+        write_new(write, to_toml(found.station(), absolute=True), force=force)
+    _print(found, done, seconds)
+    out = console()
+    out.print(f"{', '.join(WRITTEN)} in {output}", soft_wrap=True)
+    if write:
+        out.print(f"{write} written; simulate it with: gpuspec simulate {write}", soft_wrap=True)
+
+
+def _print(found: Optimum, done: int, seconds: float) -> None:
+    from rich.table import Table
+
+    from gpuspec.sweeps.choice import f1_of
+
+    out, best = console(), found.trials[found.best]
+    rate = f", {done} of them now, {done / seconds:.1f} a second" if done else ", none of them now"
+    out.print(f"{len(found.trials):,} trials{rate}; {found.info}", soft_wrap=True)
+    out.print(f"rule: {found.rule}", soft_wrap=True)
+    if not found.rule.fulfilled(best.p1, best.p2, best.hits, best.defects):
+        out.print("note: no trial fulfils the rule; this one comes nearest.", soft_wrap=True)
+    invalid = [trial.reason for trial in found.trials if trial.reason]
+    if invalid:
+        out.print(
+            f"note: {len(invalid)} trials are no valid station, e.g.: {invalid[0]}", soft_wrap=True
+        )
+    table = Table(show_header=False, box=None, title="best trial", title_justify="left")
+    for key, value in best.values.items():
+        table.add_row(key, f"{value:.6g}")
+    table.add_row("threshold", f"{best.threshold_dn:.6g} DN")
+    table.add_row("P1 (overdetection)", f"{best.p1:.4f}")
+    table.add_row("P2 (misdetection)", f"{best.p2:.4f}")
+    table.add_row("F1", f"{f1_of(best.p1, best.p2):.4f}")  # type: ignore[arg-type]
+    table.add_row("defects hit", f"{best.hits} of {best.defects}")
+    table.add_row("trial", f"{found.best + 1}")
+    out.print(table)

@@ -1,0 +1,147 @@
+"""The search between bounds: what it keeps, refuses and reproduces."""
+
+from __future__ import annotations
+
+import csv
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commandline import STATION
+
+from gpuspec.errors import OutputError, StationError
+from gpuspec.inspection import simulate
+from gpuspec.station import Station
+from gpuspec.sweeps import optimise as module
+from gpuspec.sweeps.choice import Rule
+from gpuspec.sweeps.optimise import JOURNAL, optimise, plan_of
+from gpuspec.sweeps.optimise_picture import optimise_picture, write_trials
+from gpuspec.sweeps.search import Search, best_of
+
+BOUNDS = {"tunnel.luminous_mm": "0.5:8", "tunnel.dark_mm": "2:24", "sequence.images": "8:80"}
+
+
+@pytest.fixture(scope="module")
+def small() -> Station:
+    return Station.parse(STATION, "s.toml")
+
+
+@pytest.fixture
+def plan(small):
+    return plan_of(small, BOUNDS)
+
+
+def test_trials_stay_between_the_bounds_and_whole_keys_whole(plan, tmp_path, opencl):
+    found = optimise(plan, tmp_path / "o", 60, backend=opencl)
+    assert any(trial.step for trial in found.trials)
+    for trial in found.trials:
+        for a in plan.axes:
+            assert a.values[0] <= trial.values[a.key] <= a.values[1]
+        assert isinstance(trial.values["sequence.images"], int)
+
+
+def test_a_search_that_was_stopped_goes_on_as_if_it_had_not_been(plan, tmp_path, opencl):
+    whole = optimise(plan, tmp_path / "a", 44, backend=opencl)
+    optimise(plan, tmp_path / "b", 37, backend=opencl)
+    assert optimise(plan, tmp_path / "b", 44, backend=opencl).trials == whole.trials
+
+
+def test_an_unfinished_last_line_costs_one_trial_and_no_more(plan, tmp_path, opencl):
+    whole = optimise(plan, tmp_path, 12, backend=opencl)
+    journal = tmp_path / JOURNAL
+    journal.write_bytes(journal.read_bytes()[:-9])  # killed while it was writing
+    told = []
+    again = optimise(plan, tmp_path, 12, backend=opencl, progress=lambda _, n: told.append(n))
+    assert told == [12]
+    assert again.trials == whole.trials
+
+
+def test_a_full_disk_is_told_and_what_is_there_is_kept(plan, tmp_path, opencl, monkeypatch):
+    optimise(plan, tmp_path, 5, backend=opencl)
+    with monkeypatch.context() as full:
+
+        def fail(*_: object) -> None:
+            raise OSError(28, "No space left on device")
+
+        full.setattr(module.optuna.Study, "add_trial", _only_stored(fail))
+        with pytest.raises(OutputError, match=r"No space left.*goes on where it was"):
+            optimise(plan, tmp_path, 8, backend=opencl)
+    assert len(optimise(plan, tmp_path, 8, backend=opencl).trials) == 8
+
+
+def _only_stored(fail):
+    """Fail for the study on disk; the one in memory works as ever."""
+    real = module.optuna.Study.add_trial
+
+    def add(self, trial):
+        return fail() if self.study_name == "gpuspec" else real(self, trial)
+
+    return add
+
+
+@pytest.mark.parametrize(
+    ("other", "said"),
+    [
+        (lambda p: {"plan": replace(p, parts=2)}, "parts is 1 there and 2 here"),
+        (lambda p: {"rule": Rule("f1")}, "the rule is"),
+        (lambda p: {"seed": 4}, "the seed is 0 there and 4 here"),
+        (lambda p: {"plan": replace(p, axes=p.axes[1:])}, "not varied here"),
+    ],
+)
+def test_another_search_in_the_folder_is_refused(plan, tmp_path, opencl, other, said):
+    optimise(plan, tmp_path, 2, backend=opencl)
+    arguments = {"plan": plan, "folder": tmp_path, "trials": 3, "backend": opencl, **other(plan)}
+    with pytest.raises(OutputError, match=said):
+        optimise(**arguments)
+
+
+@pytest.mark.parametrize("given", ["3:3", "5:2", "1:x", "1"])
+def test_bounds_that_bound_nothing_are_refused(small, given):
+    with pytest.raises(StationError, match=r"tunnel\.dark_mm"):
+        plan_of(small, {"tunnel.dark_mm": given})
+
+
+def test_a_design_that_is_no_station_keeps_its_reason(small, tmp_path, opencl):
+    found = optimise(plan_of(small, {"tunnel.height_mm": "100:1500"}), tmp_path, 20, backend=opencl)
+    reasons = [trial.reason for trial in found.trials if trial.reason]
+    assert reasons and len(reasons) < 20
+    write_trials(tmp_path / "trials.csv", found)
+    with (tmp_path / "trials.csv").open(encoding="utf-8") as file:
+        assert [row["reason"] for row in csv.DictReader(file) if row["reason"]] == reasons
+    assert optimise_picture(found).startswith(b"\x89PNG")
+
+
+def test_simulate_reproduces_the_best_exactly(plan, tmp_path, opencl):
+    found = optimise(plan, tmp_path, 40, backend=opencl)
+    best, score = found.trials[found.best], simulate(found.station(), opencl).score
+    assert (score.p1, score.p2, score.defects_hit) == (best.p1, best.p2, best.hits)
+
+
+def test_it_finds_the_top_of_a_known_smooth_hill_in_a_hundredth_of_a_grid(plan):
+    # The search alone, on a score of which the optimum is known; no claim about stations.
+    top, reached = {"tunnel.luminous_mm": 3.1, "tunnel.dark_mm": 17.0, "sequence.images": 23}, 0
+
+    def height(values):
+        away = [(values[a.key] - top[a.key]) / (a.values[1] - a.values[0]) for a in plan.axes]
+        return float(np.exp(-8 * np.square(away).sum()))
+
+    grid = [np.linspace(*a.values, 22).round(0 if a.key.endswith("images") else 9)
+            for a in plan.axes]  # fmt: skip
+    best = max(height(dict(zip((a.key for a in plan.axes), map(float, v), strict=True)))
+               for v in np.stack(np.meshgrid(*grid), -1).reshape(-1, 3))  # fmt: skip
+    for seed in range(20):
+        search = Search(plan.axes, Rule(p2_floor=0.0), seed)
+        for _ in range(22**3 // 100):
+            values, step = search.propose()
+            search.add(module.Trial(values, step, None, 1.0, height(values), 1.0, 1, 1))
+        reached += search.trials[best_of(search.trials, search.rule)].p1 >= best
+    print(f"reached in {reached} of 20 seeds")
+    assert reached >= 15  # measured: 18
+
+
+def test_the_command_line_starts_without_optuna():
+    code = "import sys; sys.modules['optuna'] = None; import gpuspec.sweeps.optimise_command"
+    assert subprocess.run([sys.executable, "-c", code], cwd=Path.cwd()).returncode == 0
