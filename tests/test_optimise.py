@@ -16,9 +16,13 @@ from gpuspec.errors import OutputError, StationError
 from gpuspec.inspection import simulate
 from gpuspec.station import Station
 from gpuspec.sweeps import optimise as module
-from gpuspec.sweeps.choice import Rule
-from gpuspec.sweeps.optimise import JOURNAL, optimise, plan_of
+from gpuspec.sweeps.bench import Bench
+from gpuspec.sweeps.choice import Rule, f1_of
+from gpuspec.sweeps.front import curves
+from gpuspec.sweeps.optimise import JOURNAL, optimise, plan_of, tried
 from gpuspec.sweeps.optimise_picture import optimise_picture, write_trials
+from gpuspec.sweeps.parts import Parts
+from gpuspec.sweeps.plan import Plan
 from gpuspec.sweeps.search import Search, best_of
 
 BOUNDS = {"tunnel.luminous_mm": "0.5:8", "tunnel.dark_mm": "2:24", "sequence.images": "8:80"}
@@ -140,6 +144,45 @@ def test_it_finds_the_top_of_a_known_smooth_hill_in_a_hundredth_of_a_grid(plan):
         reached += search.trials[best_of(search.trials, search.rule)].p1 >= best
     print(f"reached in {reached} of 20 seeds")
     assert reached >= 15  # measured: 18
+
+
+def test_it_finds_the_known_optimum_of_a_station_in_a_hundredth_of_its_grid(opencl):
+    """More electrons, more images, less read noise and no leak are better, with noise in between.
+
+    All 10,000 designs of a grid are tried; its best is that corner. A search of 100 trials finds
+    at least as good a design.
+    """
+    dents = {"kind": "dent", "count": 4, "seed": 1, "diameter_mm": [0.5, 1.2], "depth_um": [2, 6]}
+    station = Station.from_dict({
+        "part": {"length_mm": 9.6, "width_mm": 4.8},
+        "tunnel": {"height_mm": 200.0, "luminous_mm": 2.0, "dark_mm": 6.0},
+        "camera": {"sampling_mm": 0.08},
+        "sensor": {"noise": True},
+        "populations": [dents],
+    })  # fmt: skip
+    grid = {"sensor.saturation_e": "100:1000:10", "sensor.read_noise_e": "10:100:10",
+            "sequence.images": "4:22:10", "tunnel.dark_leak": "0:0.36:10"}  # fmt: skip
+    rule = Rule("f1", p2_floor=0.0, hit_share=0.0)
+    whole = Plan.of(station, grid)
+    table = Bench(whole, opencl).rows(range(whole.designs), sampled=False)
+    p1, p2 = curves(table, "p1"), curves(table, "p2")
+    highest = f1_of(p1, p2).max(axis=1)
+    assert whole.values(int(highest.argmax())) == {
+        "sensor.saturation_e": 1000.0, "sensor.read_noise_e": 10.0, "sequence.images": 22,
+        "tunnel.dark_leak": 0.0,
+    }  # fmt: skip
+    bounded, parts, reached = plan_of(station, grid), Parts(opencl, 1, 0), 0
+    for seed in range(8):
+        search = Search(bounded.axes, rule, seed)
+        for _ in range(whole.designs // 100):
+            values, step = search.propose()
+            search.add(tried(bounded, rule, parts, values, step=step))
+        best = search.trials[best_of(search.trials, rule)]
+        reached += float(f1_of(np.float64(best.p1), np.float64(best.p2))) >= highest.max()
+    print(f"reached in {reached} of 8 seeds")
+    # Measured: 6; of 20 seeds 16, and of 20 random searches none. Noise is the same everywhere, but
+    # a float's last bit may send a search elsewhere.
+    assert reached >= 4
 
 
 def test_the_command_line_starts_without_optuna():
