@@ -182,7 +182,8 @@ def levels_of(aspect: NDArray[np.float32], zones: Zones, full_scale_dn: float) -
     Levels
         Of one design.
     """
-    level = np.ceil(aspect * levels_per_dn(full_scale_dn)).astype(np.uint8)
+    # A float32 mean of many saturated images may be a last bit above full scale.
+    level = np.ceil(aspect * levels_per_dn(full_scale_dn)).clip(0, LEVELS - 1).astype(np.uint8)
     every = np.bincount(level[zones.valid], minlength=LEVELS)
     inside = level.flat[zones.pixels]
     found = Levels.empty(1, len(zones.first) - 1)

@@ -27,6 +27,7 @@ _ALLOWED = {
     "too_long": "must have at most {max_length} entries",
     "tuple_type": "must be a list",
     "list_type": "must be a list",
+    "dict_type": "must be a table",
     "model_type": "must be a table",
     "model_attributes_type": "must be a table",
     "union_tag_not_found": "must say its kind, such as kind = 'dent'",

@@ -170,6 +170,13 @@ def test_tiles_and_batches_count_the_same(opencl, monkeypatch):
     assert_same(traced.light_map.counter(zones_of(traced)).count(tried), whole[1])
 
 
+def test_a_mean_a_last_bit_above_full_scale_has_the_highest_level():
+    zones = Zones.of(np.ones((1, 3), np.int32), np.ones((1, 3), np.bool_), 1)
+    aspect = np.array([[65535.93, 65535, 0]], np.float32)  # as 5,000 images at 16 bits add up to
+    found = levels_of(aspect, zones, 65535)
+    assert (found.inside[0, 255], found.inside[0, 0], found.peaks[0, 0]) == (2, 1, 255)
+
+
 def test_counts_fail_where_the_level_is_rounded_otherwise(opencl):
     """The comparison can fail: levels that are rounded down are others."""
     traced = trace(station(), opencl)

@@ -91,6 +91,8 @@ def test_an_axis_takes_ranges_and_values_of_any_numeric_key(station, key, given,
         ("defects[2].depth_um", "1,2", "there is no defects[2].depth_um to vary"),
         ("defects[1].points_mm", "1,2", "points_mm is not a known key"),
         ("segmentation.threshold", "1:9:3", "all 256 thresholds"),
+        ("defects[0].depth_um", "1,2", "there is no defects[0].depth_um to vary"),
+        ("tunnel__dark_mm", "1,2", "is not a known key (did you mean tunnel.dark_mm?)"),
         ("tunnel.dark_mm", "3:1:4", "is reversed; write 1:3:4"),
         ("tunnel.dark_mm", "1:3:0", "is empty"),
         ("tunnel.dark_mm", "1:3", "is not a range; write FROM:TO:COUNT"),
@@ -158,6 +160,7 @@ def test_parts_differ_in_every_seed_and_the_first_is_the_stations_own(station):
         ({"defects": (), "populations": ()}, {"vary": GRID}, "no defects, so there is nothing"),
         ({"populations": ()}, {"vary": GRID, "parts": 2}, "would be 2 times the same"),
         ({}, {"vary": GRID, "parts": 0}, "1 to 1000 parts"),
+        ({}, {"vary": {"defects[1].x_mm": "1", "defects[01].x_mm": "2"}}, "is varied twice"),
         ({}, {"vary": {"tunnel.luminous_mm": "1:2:1000000", "tunnel.dark_mm": "1:2:1000000",
                        "sensor.exposure": "1:2:1000"}}, "more than could ever be done or stored"),
     ],
@@ -452,13 +455,66 @@ def test_two_sweeps_are_never_mixed(station, opencl, tmp_path):
     assert content(tmp_path) == before
 
 
+def test_a_table_without_its_identity_is_not_adopted(station, opencl, tmp_path):
+    sweep(Plan.of(station, GRID), tmp_path / "run", opencl)
+    (tmp_path / "run" / "sweep.json").unlink()
+    with pytest.raises(OutputError, match=r"holds other files \(part-.* and no sweep\.json"):
+        sweep(Plan.of(station, GRID), tmp_path / "run", opencl)
+
+
+def test_a_named_file_that_changed_makes_another_sweep(station, tmp_path):
+    (tmp_path / "zones.png").write_bytes(b"one")
+    (tmp_path / "map.sur").write_bytes(b"map")
+    patch = {
+        "kind": "measured",
+        "file": "map.sur",
+        "zone_file": "zones.png",
+        "x_mm": 0.0,
+        "y_mm": 0.0,
+    }
+    measured = Station.from_dict({**STATION, "defects": [patch]}, "part.toml", tmp_path)
+    plan = Plan.of(measured, GRID)
+    before = plan.identity()
+    assert differences(before, plan.identity()) == []
+    (tmp_path / "zones.png").write_bytes(b"two")
+    assert differences(before, plan.identity()) == ["zones.png holds something else than there"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["null", "[]", "{", '{"vary": 3}', *(
+        json.dumps({"gpuspec": "0", "station": "", "files": {}, "vary": {"sensor.exposure": [1]},
+                    "parts": 1, "samples": 0, **wrong})
+        for wrong in ({"vary": [1]}, {"vary": {"sensor.exposure": 3}}, {"vary": {}},
+                      {"vary": {"sensor.exposure": []}}, {"vary": {"foo.bar": [1, 2]}},
+                      {"vary": {"sensor.exposure": ["x"]}}, {"parts": "x"}, {"parts": 0},
+                      {"samples": -5}, {"station": 5}, {"station": "part = 3"})
+    )],
+)  # fmt: skip
+def test_a_spoilt_identity_is_a_sentence(text, tmp_path):
+    (tmp_path / "sweep.json").write_text(text)
+    with pytest.raises(OutputError, match=r"sweep\.json"):
+        RunFolder.read(tmp_path)
+
+
+def test_a_file_that_lost_rows_is_named(station, opencl, tmp_path):
+    run = sweep(Plan.of(station, GRID), tmp_path / "run", opencl)
+    pq.write_table(run.read_part(0)[:5], run.file(0))
+    with pytest.raises(OutputError, match="5 rows of 512"):
+        sweep(Plan.of(station, GRID), tmp_path / "run", opencl)
+
+
 def test_a_folder_of_something_else_or_in_use_is_refused(station, opencl, tmp_path):
     plan = Plan.of(station, GRID)
     (tmp_path / "note.txt").write_text("mine")
     with pytest.raises(OutputError, match=r"holds other files \(note\.txt\)"):
         sweep(plan, tmp_path, opencl)
+    with pytest.raises(OutputError, match=r"note\.txt is a file; choose another folder"):
+        sweep(plan, tmp_path / "note.txt", opencl)
     with pytest.raises(OutputError, match="cannot be written"):
         sweep(plan, tmp_path / "note.txt" / "run", opencl)
+    with pytest.raises(OutputError, match="File name too long"):
+        sweep(plan, tmp_path / ("a" * 300), opencl)
     with (
         RunFolder.writing(tmp_path / "run", plan),
         pytest.raises(OutputError, match="being written by another gpuspec"),
@@ -562,6 +618,8 @@ def test_another_sweeps_folder_is_refused_before_the_plan(gpuspec_: Command):
         (["--vary", "part.surface=1,2"], "is not a number"),
         ([], "nothing to vary; give --vary"),
         (["--vary", "tunnel.dark_mm=9:1:3"], "is reversed"),
+        (["--vary", "tunnel.dark_mm=1:3:2", "--vary", "tunnel.dark_mm=5"], "stands twice"),
+        (["--vary", "sensor.exposure=-1,0"], "no design of the sweep is a valid station"),
         (["--vary", "tunnel.dark_mm=1:9:3", "--parts", "2"], "has no random [[populations]]"),
         (["--vary", "tunnel.dark_mm=1:2:100000", "--vary", "tunnel.luminous_mm=1:2:100000"],
          "GB on disk"),

@@ -30,6 +30,7 @@ NEGLIGIBLE = 0.05
 """Ratio of the two movements up to which height is called negligible; our choice."""
 
 _NEAREST, _FARTHEST_MM = 1.05, 10_000.0
+_CAMERA_MAX_MM = 1e5  # of camera.height_mm
 _GRID = 101  # points across a dent, and across the part
 _PART_SEEN = 0.98  # of a crowned part: height moves the outermost rays beside it
 
@@ -159,7 +160,7 @@ class Height(Outcome):
         said.append(
             f"The paper's claim that height is negligible {verdict} for this station, "
             f"{percent(NEGLIGIBLE)} of the movement by slope taken as the limit; {holds}."
-            + ("" if self.negligible else ' Use part.surface = "height".')
+            + ("" if self.negligible else ' part.surface = "height" takes it into account.')
         )
         return tuple(said)
 
@@ -220,7 +221,7 @@ def study(station: Station, dent: Dent | None = None, distances: int = 31) -> He
     dent = dent or max(dents(station), key=lambda d: _ratio_estimate(d, top, h, place))
     place = max(place - dent.diameter_mm / 2, 0.0)
     nearest = min(_NEAREST * top, h)
-    camera = np.geomspace(nearest, max(_FARTHEST_MM, 4 * h), distances)
+    camera = np.geomspace(nearest, max(_FARTHEST_MM, min(4 * h, _CAMERA_MAX_MM)), distances)
     camera[np.abs(np.log(camera / h)).argmin()] = h
     room = 10 * dent.diameter_mm  # for the rays that height moves beyond the part's end
     alone = dent.alone_on(

@@ -103,6 +103,22 @@ def bounds(station: Station, key: str, given: str | float | Sequence[float]) -> 
     return Axis(key, (min(values), max(values)))
 
 
+def vary_options(texts: Sequence[str]) -> dict[str, str]:
+    """Return keys and what they take, as ``--vary`` gives them.
+
+    Raises
+    ------
+    StationError
+        If one has another form, or a key stands twice.
+    """
+    found: dict[str, str] = {}
+    for key, given in map(vary_option, texts):
+        if key in found:
+            raise StationError(f"--vary {key} stands twice; vary each key once.")
+        found[key] = given
+    return found
+
+
 def vary_option(text: str) -> tuple[str, str]:
     """Split ``KEY=RANGE`` as ``--vary`` takes it.
 
@@ -180,11 +196,14 @@ def _takes_whole_numbers(station: Station, key: str) -> bool:
             f"{key} is not varied: a sweep scores every design at all 256 thresholds, without a "
             f"size filter."
         )
+    if "__" in key:
+        raise StationError(f"{key} is not a known key (did you mean {key.replace('__', '.')}?).")
     found: Any = station
     kind: Any = type(station)
     for place in places(key):
         if isinstance(place, int):
-            found = found[place] if isinstance(found, tuple) and place < len(found) else None
+            there = isinstance(found, tuple) and 0 <= place < len(found)
+            found = found[place] if there else None
             kind = type(found)
             if found is None:
                 raise StationError(f"{station.file}: there is no {key} to vary.")

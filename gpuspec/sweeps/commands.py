@@ -70,7 +70,7 @@ def sweep(
 ) -> None:
     """Try every design of a grid at every threshold; run again to go on where it was."""
     with extra("sweep"):
-        from gpuspec.sweeps.axes import vary_option
+        from gpuspec.sweeps.axes import vary_options
         from gpuspec.sweeps.plan import Plan
         from gpuspec.sweeps.sampling import STRATA
         from gpuspec.sweeps.store import RunFolder, check_space
@@ -79,12 +79,13 @@ def sweep(
     described = changed(Station.read(station), change)
     plan = Plan.of(
         described,
-        dict(map(vary_option, vary)) if vary else None,
+        vary_options(vary) if vary else None,
         parts,
         (samples or STRATA) if screen or samples else 0,
     )
+    RunFolder(output, plan).check_folder()
     check_space(output, plan)
-    RunFolder(output, plan).check_same()
+    plan.check_some_valid()
     done = RunFolder(output, plan).there() if (output / "designs").is_dir() else 0
     with _crew(plan, workers, scheduler, backend, device) as (crew, told):
         _print_plan(plan, told, done, output)

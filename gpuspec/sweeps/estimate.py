@@ -5,14 +5,12 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
-from gpuspec.errors import StationError
 from gpuspec.sweeps.bench import Bench
 from gpuspec.sweeps.parts import BYTES_PER_PIXEL
 from gpuspec.sweeps.plan import Plan
 from gpuspec.sweeps.store import table_bytes
 
 _TRIED = {False: 8, True: 512}  # designs, sampled or not: enough to see past what is done once
-_SEARCHED = 512
 
 
 @dataclass(frozen=True)
@@ -47,7 +45,7 @@ def estimate(plan: Plan, bench: Bench | None, left: int | None = None) -> Estima
         Designs still to do; None: all.
     """
     left = plan.designs if left is None else left
-    valid = _first_valid(plan)
+    valid = plan.first_valid()
     geometries = min(plan.geometries, -(-left // plan.designs_per_geometry))
     size = 0
     seconds = None
@@ -77,13 +75,3 @@ def _seconds(plan: Plan, bench: Bench, valid: int, left: int, geometries: int) -
         bench.rows([other], sampled=sampled)
         tracing = max(time.perf_counter() - start - each, 0.0)
     return left * each + geometries * tracing
-
-
-def _first_valid(plan: Plan) -> int | None:
-    for design in range(0, plan.designs, max(plan.designs // _SEARCHED, 1)):
-        try:
-            plan.station_of(design)
-        except StationError:
-            continue
-        return design
-    return None

@@ -46,6 +46,7 @@ def front(
         from gpuspec.sweeps.choice import Rule
         from gpuspec.sweeps.chosen import choose, most_defects
         from gpuspec.sweeps.store import RunFolder
+    from gpuspec.errors import OutputError
     from gpuspec.report import output_folder
     from gpuspec.stationfile import to_toml, write_new
     from gpuspec.sweeps.maps import Maps
@@ -53,6 +54,12 @@ def front(
 
     rule = Rule(goal, p2_floor, p1_floor, hit_share)  # type: ignore[arg-type]
     output = output or run / "front"
+    if output.resolve() == (run / "designs").resolve() or (
+        write and write.resolve().parent in (run.resolve(), (run / "designs").resolve())
+    ):
+        raise OutputError(
+            f"{run} holds the sweep itself; choose another place for what is made of it."
+        )
     with progress() as tell:
         tell("choosing")
         folder = RunFolder.read(run)

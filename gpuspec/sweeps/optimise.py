@@ -14,12 +14,11 @@ import optuna
 from filelock import FileLock, Timeout
 from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
 
-from gpuspec import __version__
 from gpuspec.backends import Backend, DeviceInfo, open_backend
 from gpuspec.errors import OutputError, StationError
 from gpuspec.levels import thresholds
 from gpuspec.station import Station
-from gpuspec.stationfile import to_toml, write_new
+from gpuspec.stationfile import write_new
 from gpuspec.sweeps.axes import bounds
 from gpuspec.sweeps.choice import Rule
 from gpuspec.sweeps.curves import Curves
@@ -161,14 +160,7 @@ def optimise(
     """
     rule, folder = rule or Rule(), Path(folder)
     engine = open_backend(backend, device) if isinstance(backend, str) else backend
-    identity = {
-        "gpuspec": __version__,
-        "station": to_toml(plan.station, comments=False, absolute=True),
-        "vary": {a.key: list(a.values) for a in plan.axes},
-        "parts": plan.parts,
-        "rule": str(rule),
-        "seed": seed,
-    }
+    identity = {**plan.identity(), "rule": str(rule), "seed": seed}
     search = Search(plan.axes, rule, seed)
     with _writing(folder, identity) as study:
         for stored in study.get_trials(deepcopy=False):
@@ -204,7 +196,7 @@ def _writing(folder: Path, identity: dict[str, Any]) -> Iterator[optuna.Study]:
     with _writes_to(folder):
         known = (folder / IDENTITY).exists()
         others = [p.name for p in folder.iterdir()] if folder.exists() and not known else []
-        others = [name for name in others if name not in (LOCK, JOURNAL)]
+        others = [name for name in others if name != LOCK]
         if others:
             raise OutputError(
                 f"{folder} holds other files ({others[0]}); choose an empty folder, or that of the "
@@ -235,7 +227,7 @@ def _claim(folder: Path, identity: dict[str, Any]) -> None:
         return
     try:
         held = json.loads(path.read_text("utf-8"))
-        said = differences({**held, "samples": 0}, {**identity, "samples": 0})
+        said = differences(held, identity)
         for name in ("rule", "seed"):
             if held[name] != identity[name]:
                 said.append(f"the {name} is {held[name]!s} there and {identity[name]!s} here")

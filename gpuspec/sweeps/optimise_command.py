@@ -67,7 +67,7 @@ def optimise(
     from gpuspec.report import output_folder
     from gpuspec.station import Station
     from gpuspec.stationfile import to_toml, write_new
-    from gpuspec.sweeps.axes import vary_option
+    from gpuspec.sweeps.axes import vary_options
     from gpuspec.sweeps.choice import Rule
     from gpuspec.sweeps.optimise_picture import optimise_picture, write_trials
 
@@ -77,7 +77,7 @@ def optimise(
     rule = Rule(goal, **{k: v for k, v in floors.items() if v is not None})  # type: ignore[arg-type]
     plan = plan_of(
         changed(Station.read(station), change),
-        dict(map(vary_option, vary)) if vary else None,
+        vary_options(vary) if vary else None,
         parts,
     )
     began, done = time.monotonic(), 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from typing import Any
 
 from gpuspec import __version__
 from gpuspec.errors import StationError
-from gpuspec.station import Station
+from gpuspec.station import Station, places
 from gpuspec.stationfile import to_toml
 from gpuspec.sweeps.axes import Axis, axis
 
@@ -19,6 +20,7 @@ from gpuspec.sweeps.axes import Axis, axis
 SEED_STEP = 0x9E3779B1
 PARTS_MAX = 1000
 DESIGNS_MAX = 10**12
+_SEARCHED = 512
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,9 @@ class Plan:
                 f"be {parts} times the same; sweep one."
             )
         axes = [axis(station, key, given) for key, given in vary.items()]
+        for number, one in enumerate(axes):
+            if any(places(one.key) == places(other.key) for other in axes[:number]):
+                raise StationError(f"{one.key} is varied twice; vary each key once.")
         axes.sort(key=lambda a: not a.retraces)
         base = station.replace(sweep=None)
         if base.segmentation.min_area_mm2 or base.segmentation.threshold != "auto":
@@ -150,22 +155,64 @@ class Plan:
         quick = _with_design(base, {a.key: values[a.key] for a in self.axes if not a.retraces})
         return quick or self.station.replace(**values)
 
+    def first_valid(self) -> int | None:
+        """Return the first valid of 512 designs spread over the grid; None if none is."""
+        for design in range(0, self.designs, max(self.designs // _SEARCHED, 1)):
+            try:
+                self.station_of(design)
+            except StationError:
+                continue
+            return design
+        return None
+
+    def check_some_valid(self) -> None:
+        """Raise StationError, with the first reason, if the grid is small and none is valid."""
+        if self.designs <= _SEARCHED and self.first_valid() is None:
+            try:
+                self.station_of(0)
+            except StationError as error:
+                message = f"no design of the sweep is a valid station, e.g.: {error}"
+                raise StationError(message) from None
+
     def identity(self) -> dict[str, Any]:
         """Return what makes this sweep this one, as JSON holds it."""
         return {
             "gpuspec": __version__,
             "station": to_toml(self.station, comments=False, absolute=True),
+            "files": self._digests(),
             "vary": {a.key: list(a.values) for a in self.axes},
             "parts": self.parts,
             "samples": self.samples,
         }
 
+    def _digests(self) -> dict[str, str]:
+        """Return what the files named in the station hold, as SHA-256."""
+        named = [self.station.part.relief, *self.station.defects]
+        names = {getattr(one, key, None) for one in named for key in ("file", "zone_file")}
+        found = {}
+        for name in sorted(filter(None, names)):
+            path = self.station.locate(name)
+            try:
+                found[name] = hashlib.sha256(path.read_bytes()).hexdigest()
+            except OSError:  # whoever needs it says so
+                found[name] = "not there"
+        return found
+
     @classmethod
     def from_identity(cls, identity: Mapping[str, Any]) -> Plan:
-        """Return the plan of an :meth:`identity`."""
+        """Return the plan of an :meth:`identity`.
+
+        Raises
+        ------
+        StationError, TypeError, ValueError or KeyError
+            If it is none.
+        """
         station = Station.parse(identity["station"], "station.toml")
-        axes = tuple(Axis(key, tuple(values)) for key, values in identity["vary"].items())
-        return cls(station, axes, identity["parts"], identity["samples"])
+        axes = tuple(axis(station, key, values) for key, values in identity["vary"].items())
+        parts, samples = int(identity["parts"]), int(identity["samples"])
+        if not axes or parts < 1 or samples < 0:
+            raise ValueError("nothing is varied, or there are no parts")
+        return cls(station, axes, parts, samples)
 
 
 def _with_design(station: Station, changes: Mapping[str, float | int]) -> Station | None:

@@ -99,7 +99,9 @@ def sweep(
     """
     folder = Path(folder)
     tell = progress or (lambda *_: None)
+    RunFolder(folder, plan).check_folder()
     check_space(folder, plan)
+    plan.check_some_valid()
     if crew is None:
         engine = open_backend(backend, device) if isinstance(backend, str) else backend
         crew = Alone(Bench(plan, engine))

@@ -56,7 +56,10 @@ class RunFolder:
             If there is none.
         """
         path = Path(path)
-        return cls(path, Plan.from_identity(_identity_in(path)))
+        try:
+            return cls(path, Plan.from_identity(_identity_in(path)))
+        except (StationError, TypeError, ValueError, KeyError, AttributeError) as error:
+            raise OutputError(f"{path / _IDENTITY} is not that of a sweep ({error}).") from None
 
     @classmethod
     @contextmanager
@@ -70,14 +73,8 @@ class RunFolder:
             or it cannot be written.
         """
         run = cls(Path(path), plan)
+        run.check_folder()
         with writes_to(run.path):
-            if run.path.exists() and not (run.path / _IDENTITY).exists():
-                others = [p.name for p in run.path.iterdir() if p.name not in (_LOCK, _TABLE)]
-                if others:
-                    raise OutputError(
-                        f"{run.path} holds other files ({others[0]}); choose an empty folder, or "
-                        f"that of the sweep to go on with, with -o."
-                    )
             (run.path / _TABLE).mkdir(parents=True, exist_ok=True)
             lock = FileLock(run.path / _LOCK, timeout=0)
             try:
@@ -94,18 +91,38 @@ class RunFolder:
         finally:
             lock.release()
 
-    def check_same(self) -> None:
-        """Raise OutputError, with what differs, if the folder holds another sweep."""
-        if (self.path / _IDENTITY).exists():
-            differ = differences(_identity_in(self.path), self.plan.identity())
-            if differ:
+    def check_folder(self) -> None:
+        """Refuse a path that is not a new folder's, an empty one's, or this sweep's.
+
+        Raises
+        ------
+        OutputError
+            With what differs, if it holds another sweep.
+        """
+        with writes_to(self.path):
+            if self.path.exists() and not self.path.is_dir():
+                raise OutputError(f"{self.path} is a file; choose another folder with -o.")
+            if (self.path / _IDENTITY).exists():
+                differ = differences(_identity_in(self.path), self.plan.identity())
+                if differ:
+                    raise OutputError(
+                        f"{self.path} holds another sweep: {'; '.join(differ)}. Choose another "
+                        f"folder with -o, or the same sweep to go on with it."
+                    )
+                return
+            table = self.path / _TABLE
+            folders = [folder for folder in (self.path, table) if folder.is_dir()]
+            others = [p.name for folder in folders for p in folder.iterdir()]
+            others = [name for name in others if name not in (_LOCK, _TABLE)]
+            if others or (table.exists() and not table.is_dir()):
                 raise OutputError(
-                    f"{self.path} holds another sweep: {'; '.join(differ)}. Choose another folder "
-                    f"with -o, or the same sweep to go on with it."
+                    f"{self.path} holds other files ({', '.join([*others, _TABLE][:1])}) and no "
+                    f"{_IDENTITY}; choose an empty folder, or that of the sweep to go on with, "
+                    f"with -o."
                 )
 
     def _begin(self) -> None:
-        self.check_same()
+        self.check_folder()
         if not (self.path / _IDENTITY).exists():
             text = json.dumps(self.plan.identity(), indent=1) + "\n"
             _write_whole(self.path / _IDENTITY, lambda file: file.write_text(text, "utf-8"))
@@ -177,7 +194,10 @@ class RunFolder:
             If it is damaged.
         """
         try:
-            return pq.read_table(self.file(part), columns=columns, partitioning=None)
+            table = pq.read_table(self.file(part), columns=columns, partitioning=None)
+            if len(table) != len(self.designs_of(part)):
+                raise pa.ArrowInvalid(f"{len(table)} rows of {len(self.designs_of(part))}")
+            return table
         except (pa.ArrowException, OSError) as error:
             raise OutputError(
                 f"{self.file(part)} cannot be read ({error}); remove it and sweep again into the "
@@ -206,6 +226,9 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     for name in ("parts", "samples", "gpuspec"):
         if old[name] != new[name]:
             said.append(f"{name} is {old[name]} there and {new[name]} here")
+    for name in sorted({*old["files"], *new["files"]}):
+        if old["files"].get(name) != new["files"].get(name):
+            said.append(f"{name} holds something else than there")
     if old["station"] != new["station"]:
         lines = [set(one["station"].splitlines()) for one in (old, new)]
         only = [sorted(lines[0] - lines[1]), sorted(lines[1] - lines[0])]
@@ -218,7 +241,7 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
 
 
 def _values(values: Sequence[Any] | None) -> str:
-    if values is None:
+    if not values:
         return "not varied"
     shown = ", ".join(f"{v:g}" for v in values[:4])
     return f"{shown}, ... ({len(values)} values)" if len(values) > 4 else shown
@@ -281,6 +304,21 @@ def _identity_in(path: Path) -> dict[str, Any]:
         ) from None
     except (OSError, ValueError) as error:
         raise OutputError(f"{path / _IDENTITY} cannot be read: {error}.") from None
-    if set(found) != {"gpuspec", "station", "vary", "parts", "samples"}:
-        raise OutputError(f"{path / _IDENTITY} is not that of a sweep.")
+    kinds = {
+        "gpuspec": str,
+        "station": str,
+        "files": dict,
+        "vary": dict,
+        "parts": int,
+        "samples": int,
+    }
+    if (
+        not isinstance(found, dict)
+        or set(found) != set(kinds)
+        or not all(isinstance(found[name], kind) for name, kind in kinds.items())
+        or not all(isinstance(values, list) for values in found["vary"].values())
+    ):
+        raise OutputError(
+            f"{path / _IDENTITY} is not that of a sweep; choose another folder with -o."
+        )
     return found

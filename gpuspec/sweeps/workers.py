@@ -12,6 +12,7 @@ from typing import Any
 
 import pyarrow as pa
 from distributed import KilledWorker, wait
+from distributed.comm import CommClosedError
 
 from gpuspec import __version__
 from gpuspec.errors import ClusterError, GpuspecError
@@ -115,7 +116,7 @@ class Workers:
             raise ClusterError(
                 f"a worker cannot import what it needs ({error}); {INSTALL} there. {_KEPT}"
             ) from None
-        except (CancelledError, asyncio.CancelledError):
+        except (CancelledError, asyncio.CancelledError, CommClosedError):
             raise self._gone() from None
         except GpuspecError:
             raise
