@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from gpuspec.opencl import OpenCLLightMap
 
 _NO_PIXEL = 0xFFFFFFFF
-_STRETCH = 65_536
+_STRETCH = 16_384
 _GROUP = 256
 # Pixels times designs of one launch: a second on two slow cores, so that Ctrl-C is answered.
 _AT_ONCE = 400_000_000

@@ -12,7 +12,7 @@ from typing import Any
 
 import pyarrow as pa
 from distributed import KilledWorker, wait
-from distributed.comm import CommClosedError
+from distributed.comm.core import CommClosedError
 
 from gpuspec import __version__
 from gpuspec.errors import ClusterError, GpuspecError
