@@ -558,7 +558,7 @@ def test_pandas_polars_and_duckdb_read_the_folder(station, opencl, tmp_path):
 
 
 def test_memory_does_not_grow_with_the_designs(tmp_path):
-    """Ten times the designs, the same peak to within a twentieth."""
+    """Ten times the designs, the same peak to within a tenth."""
     (tmp_path / "s.toml").write_text(gpuspec.stationfile.to_toml(Station.from_dict(STATION)))
     code = (
         "import resource, sys; from gpuspec.cli import main; sys.argv[0] = 'gpuspec'\n"
@@ -574,7 +574,7 @@ def test_memory_does_not_grow_with_the_designs(tmp_path):
             cwd=tmp_path, capture_output=True, text=True, check=True, env={**os.environ},
         )  # fmt: skip
         peaks.append(int(done.stdout.split("peak ")[1]))
-    assert peaks[1] < 1.05 * peaks[0]
+    assert peaks[1] < 1.1 * peaks[0]
 
 
 # ---------------------------------------------------------------------------------------- command
