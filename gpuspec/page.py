@@ -236,3 +236,13 @@ def scale_bar(ax: Axes, below: float, share: float = 0.2) -> None:
         fontsize=9.5,
         annotation_clip=False,
     )
+
+
+def open_frame(ax: Axes, x: str, y: str) -> None:
+    """Label axes of curves, and leave their frame open above and to the right."""
+    ax.set_xlabel(x, fontsize=10)
+    ax.set_ylabel(y, fontsize=10)
+    ax.tick_params(labelsize=9.5)
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.grid(color="#E4E4E4", linewidth=0.8)
+    ax.set_axisbelow(True)

@@ -23,11 +23,11 @@ from gpuspec.sweeps.bench import Bench
 from gpuspec.sweeps.choice import Rule
 from gpuspec.sweeps.chosen import Choice, choose
 from gpuspec.sweeps.diagrams import label
-from gpuspec.sweeps.front import Front, Points, dominated
+from gpuspec.sweeps.front import COLUMNS, Front, Points, dominated
 from gpuspec.sweeps.maps import Maps
 from gpuspec.sweeps.plan import Plan
 from gpuspec.sweeps.run import sweep
-from gpuspec.sweeps.scores import COLUMNS, Scores
+from gpuspec.sweeps.scores import Scores
 from gpuspec.sweeps.sensitivity import lines
 from gpuspec.sweeps.store import RunFolder
 

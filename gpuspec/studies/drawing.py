@@ -23,6 +23,7 @@ from gpuspec.page import (
     essentials,
     fitted,
     millimetres,
+    open_frame,
     place_image,
     pooled,
     reduction,
@@ -52,7 +53,7 @@ def signature_picture(found: Signature) -> Figure:
         str(found.info),
     )
     ax = sheet.axes(MARGIN, 174, WIDTH - 2 * MARGIN, 520)
-    _open_frame(
+    open_frame(
         ax, "distance of the transition from the dent's centre, σ", "width of the signature, σ"
     )
     far = float(found.distance[-1])
@@ -93,7 +94,7 @@ def height_picture(found: Height) -> Figure:
         (moved, "greatest movement of the light point, mm"),
         (ratio, "movement by height over movement by slope, %"),
     ):
-        _open_frame(ax, "height of the camera, mm", label)
+        open_frame(ax, "height of the camera, mm", label)
         ends = found.camera_mm[0] / 1.05, found.camera_mm[-1] * 1.05
         ax.set(xscale="log", yscale="log", xlim=ends)
         for axis in (ax.xaxis, ax.yaxis):
@@ -194,7 +195,7 @@ def _draw_row(ax: Axes, found: Coverage) -> None:
     highest = max(float(np.nanmax(distance, initial=0)), found.reach_mm)
     ax.set(xlim=(x[0], x[-1]) if len(x) > 1 else None, ylim=(0, 1.15 * highest or 1.0))
     y = (rows / 2 - row - 0.5) * p
-    _open_frame(ax, f"x, mm, in the row at y = {y:.3g} mm", "mm on the part")
+    open_frame(ax, f"x, mm, in the row at y = {y:.3g} mm", "mm on the part")
     ax.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2, frameon=False, fontsize=10)
 
 
@@ -225,7 +226,7 @@ def _draw_perturbation(ax: Axes, moved: Perturbation) -> list[Line2D]:
     """Draw one perturbation's scores; return its curves for the legend."""
     names = [str(value) for value in moved.values]
     x = np.array(moved.values, np.float64) if moved.unit else np.arange(len(names))
-    _open_frame(ax, f"{moved.name}, {moved.unit}" if moved.unit else moved.name, "share")
+    open_frame(ax, f"{moved.name}, {moved.unit}" if moved.unit else moved.name, "share")
     style: dict[str, Any] = {"markersize": 5, "linestyle": "-" if moved.unit else "none"}
     drawn = [
         *ax.plot(x, moved.p1, marker="o", color="black", label="P1 (overdetection)", **style),
@@ -237,16 +238,6 @@ def _draw_perturbation(ax: Axes, moved: Perturbation) -> list[Line2D]:
         ax.set_xticks(x, names, rotation=60, ha="right", fontsize=9)
     ax.set_ylim(-0.03, 1.05)
     return drawn
-
-
-def _open_frame(ax: Axes, x: str, y: str) -> None:
-    """Label axes of curves, and leave their frame open above and to the right."""
-    ax.set_xlabel(x, fontsize=10)
-    ax.set_ylabel(y, fontsize=10)
-    ax.tick_params(labelsize=9.5)
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.grid(color="#E4E4E4", linewidth=0.8)
-    ax.set_axisbelow(True)
 
 
 def _times(factor: float) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:

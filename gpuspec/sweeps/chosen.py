@@ -15,9 +15,9 @@ from gpuspec.errors import OutputError, StationError
 from gpuspec.levels import thresholds
 from gpuspec.station import Station
 from gpuspec.sweeps.choice import Rule, f1_of
-from gpuspec.sweeps.front import Front, Points
+from gpuspec.sweeps.front import COLUMNS, Front, Points
 from gpuspec.sweeps.plan import Plan
-from gpuspec.sweeps.scores import COLUMNS, rows_of
+from gpuspec.sweeps.scores import rows_of
 from gpuspec.sweeps.store import RunFolder
 
 

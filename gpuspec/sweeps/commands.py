@@ -87,7 +87,7 @@ def sweep(
     check_space(output, plan)
     plan.check_some_valid()
     done = RunFolder(output, plan).there() if (output / "designs").is_dir() else 0
-    with _crew(plan, workers, scheduler, backend, device) as (crew, told):
+    with _crew(plan, plan.designs - done, workers, scheduler, backend, device) as (crew, told):
         _print_plan(plan, told, done, output)
         if described.segmentation != plan.station.segmentation:
             console().print(
@@ -103,7 +103,7 @@ def sweep(
 
 @contextmanager
 def _crew(
-    plan: Plan, workers: int, scheduler: str, backend: str, device: str | None
+    plan: Plan, left: int, workers: int, scheduler: str, backend: str, device: str | None
 ) -> Iterator[tuple[Crew, Estimate]]:
     from gpuspec.sweeps.estimate import estimate
 
@@ -114,14 +114,14 @@ def _crew(
         with cluster(
             plan, workers=workers, scheduler=scheduler, backend=backend, device=device
         ) as crew:
-            yield crew, estimate(plan, None)
+            yield crew, estimate(plan, None, left)
         return
     from gpuspec.backends import open_backend
     from gpuspec.sweeps.bench import Bench
     from gpuspec.sweeps.run import Alone
 
     bench = Bench(plan, open_backend(backend, device))
-    yield Alone(bench), estimate(plan, bench)
+    yield Alone(bench), estimate(plan, bench, left)
 
 
 def _swept(plan: Plan, output: Path, crew: Crew) -> tuple[RunFolder, float]:
@@ -157,8 +157,7 @@ def _print_plan(plan: Plan, told: Estimate, done: int, output: Path) -> None:
         f"light map(s) to trace; {way}",
         soft_wrap=True,
     )
-    left = told.seconds and told.seconds * (1 - done / plan.designs)
-    time_ = "not known yet" if left is None else f"about {_duration(left)}"
+    time_ = "not known yet" if told.seconds is None else f"about {_duration(told.seconds)}"
     out.print(
         f"time {time_}; memory {told.device_bytes / 2**20:,.0f} MiB on the device; disk "
         f"{told.disk_bytes / 1e6:,.0f} MB in {output}",

@@ -13,7 +13,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from gpuspec.page import MARGIN, SKY, VERMILION, WIDTH, Sheet
+from gpuspec.page import MARGIN, SKY, VERMILION, WIDTH, Sheet, open_frame
 from gpuspec.sweeps.chosen import Choice
 from gpuspec.sweeps.maps import Map
 from gpuspec.sweeps.sensitivity import SHARE, Course, Line
@@ -166,13 +166,3 @@ def counted(number: int, thing: str) -> str:
 def _tick(axis: Any, values: Any) -> None:
     step = math.ceil(len(values) / 10)
     axis.set_ticks(range(0, len(values), step), [f"{v:g}" for v in values[::step]])
-
-
-def open_frame(ax: Axes, x: str, y: str) -> None:
-    """Label axes of curves, and leave their frame open above and to the right."""
-    ax.set_xlabel(x, fontsize=10)
-    ax.set_ylabel(y, fontsize=10)
-    ax.tick_params(labelsize=9.5)
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.grid(color="#E4E4E4", linewidth=0.8)
-    ax.set_axisbelow(True)

@@ -33,7 +33,7 @@ class Estimate:
     disk_bytes: int
 
 
-def estimate(plan: Plan, bench: Bench | None, left: int | None = None) -> Estimate:
+def estimate(plan: Plan, bench: Bench | None, left: int) -> Estimate:
     """Try a few designs and extrapolate.
 
     Parameters
@@ -41,10 +41,9 @@ def estimate(plan: Plan, bench: Bench | None, left: int | None = None) -> Estima
     plan : Plan
     bench : Bench or None
         None: time is not estimated.
-    left : int, optional
-        Designs still to do; None: all.
+    left : int
+        Designs still to do.
     """
-    left = plan.designs if left is None else left
     valid = plan.first_valid()
     geometries = min(plan.geometries, -(-left // plan.designs_per_geometry))
     size = 0
@@ -53,8 +52,8 @@ def estimate(plan: Plan, bench: Bench | None, left: int | None = None) -> Estima
         station = plan.station_of(valid)
         rows, columns = station.shape
         size = rows * columns * BYTES_PER_PIXEL * station.camera.subsampling**2 * plan.parts
-        if bench is not None and left:
-            seconds = _seconds(plan, bench, valid, left, geometries)
+        if bench is not None:
+            seconds = _seconds(plan, bench, valid, left, geometries) if left else 0.0
     if bench is not None:
         size = min(size, bench.backend.memory_bytes)
     return Estimate(plan.designs, geometries * plan.parts, seconds, size, table_bytes(plan))

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from gpuspec.levels import LEVELS
 
-_COLUMNS = ("design", "exact", "p1", "p2", "hits", "p1_low", "p1_high")
+COLUMNS = ("design", "exact", "p1", "p2", "hits", "p1_low", "p1_high")
+"""Of a sweep's table, what a score is made of."""
 
 
 @dataclass(frozen=True)
@@ -160,7 +161,7 @@ def p1_bounds(table: pa.Table) -> tuple[NDArray[np.float64], NDArray[np.float64]
 
 def _points(table: pa.Table) -> tuple[Points, Points]:
     """Return the points of a table's designs with the greatest and the least P1 they may have."""
-    table = table.select(_COLUMNS).filter(pa.compute.is_valid(table["exact"]))
+    table = table.select(COLUMNS).filter(pa.compute.is_valid(table["exact"]))
     if not len(table):
         return Points.empty(), Points.empty()
     p2, hits = curves(table, "p2"), curves(table, "hits")

@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from gpuspec.page import MARGIN, SKY, VERMILION, WIDTH, Sheet
+from gpuspec.page import MARGIN, SKY, VERMILION, WIDTH, Sheet, open_frame
 from gpuspec.sweeps.chosen import Choice
-from gpuspec.sweeps.diagrams import about, counted, label, open_frame
-from gpuspec.sweeps.front import Points, dominated
-from gpuspec.sweeps.scores import COLUMNS, Scores, rows_of
+from gpuspec.sweeps.diagrams import about, counted, label
+from gpuspec.sweeps.front import COLUMNS, Points, dominated
+from gpuspec.sweeps.scores import Scores, rows_of
 
 CURVES = 100
 """Designs drawn at random, and as many spread along the front."""

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from gpuspec.figures import png
-from gpuspec.page import MARGIN, SKY, VERMILION, WIDTH, Sheet
+from gpuspec.page import MARGIN, SKY, VERMILION, WIDTH, Sheet, open_frame
 from gpuspec.sweeps.choice import f1_of
-from gpuspec.sweeps.diagrams import counted, open_frame
+from gpuspec.sweeps.diagrams import counted
 from gpuspec.sweeps.optimise import Optimum
 from gpuspec.sweeps.search import Trial, best_of
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import OrderedDict
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from threading import Event
 from typing import Any
 
@@ -125,7 +125,7 @@ class Parts:
             if number and any(station.sensor.noise for station in stations):
                 own = [with_part(station, number) for station in stations]
             found.append(self._counted(part, own, _TOGETHER[sampled]))
-            parts.append(replace(part, sample=part.sample if sampled else None))
+            parts.append(part)
         return found, parts
 
     def _counted(self, part: TracedPart, stations: Sequence[Station], together: int) -> Levels:

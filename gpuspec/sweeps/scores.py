@@ -15,9 +15,6 @@ from gpuspec.sweeps.choice import Rule
 from gpuspec.sweeps.front import Points, curves, p1_bounds
 from gpuspec.sweeps.store import RunFolder
 
-COLUMNS = ("design", "exact", "p1", "p2", "hits", "p1_low", "p1_high")
-"""Of a sweep's table, what a score is made of."""
-
 
 def rows_of(run: RunFolder, designs: Iterable[int], columns: Sequence[str]) -> pa.Table:
     """Return the rows of some designs, by their number; without those that are not there yet."""

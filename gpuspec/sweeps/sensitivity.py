@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from gpuspec.sweeps.choice import f1_of
 from gpuspec.sweeps.chosen import Choice
-from gpuspec.sweeps.front import Points
-from gpuspec.sweeps.scores import COLUMNS, Scores, rows_of
+from gpuspec.sweeps.front import COLUMNS, Points
+from gpuspec.sweeps.scores import Scores, rows_of
 
 SHARE = 0.05
 """Of the score, by which it may fall within a tolerated range."""

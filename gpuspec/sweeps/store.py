@@ -131,9 +131,9 @@ class RunFolder:
 
     def check_valid(self) -> None:
         """Raise StationError, with the first reason, if no design of the table is valid."""
-        found = self.invalid()
-        if found and found[0] == self.plan.designs:
-            raise StationError(f"no design of the sweep is a valid station, e.g.: {found[1]}")
+        if all(not table["reason"].null_count for table in self.batches(["reason"])):
+            reason = self.read_part(0, ["reason"])["reason"][0].as_py()
+            raise StationError(f"no design of the sweep is a valid station, e.g.: {reason}")
 
     def invalid(self) -> tuple[int, str] | None:
         """Return how many designs are no valid station and why the first is none; None: none."""
