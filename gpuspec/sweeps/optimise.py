@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import optuna
-from filelock import FileLock, Timeout
 from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
 
 from gpuspec.backends import Backend, DeviceInfo, open_backend
@@ -25,7 +24,7 @@ from gpuspec.sweeps.curves import Curves
 from gpuspec.sweeps.parts import Parts
 from gpuspec.sweeps.plan import Plan
 from gpuspec.sweeps.search import Search, Trial, Values, best_of
-from gpuspec.sweeps.store import differences
+from gpuspec.sweeps.store import differences, taken_lock, writes_to
 
 IDENTITY, JOURNAL, LOCK = "optimise.json", "optimise.journal", "optimise.lock"
 WRITTEN = ("trials.csv", "optimise.png")
@@ -169,7 +168,7 @@ def optimise(
         while len(search.trials) < trials:
             values, step = search.propose()
             trial = tried(plan, rule, parts, values, step=step)
-            with _writes_to(folder):
+            with writes_to(folder, "the search"):
                 study.add_trial(search.frozen(trial))
             search.add(trial)
             if progress:
@@ -193,7 +192,7 @@ class _Held(JournalFileOpenLock):
 @contextmanager
 def _writing(folder: Path, identity: dict[str, Any]) -> Iterator[optuna.Study]:
     """Open the study of a folder, a new one or one to go on with, and lock it."""
-    with _writes_to(folder):
+    with writes_to(folder, "the search"):
         known = (folder / IDENTITY).exists()
         others = [p.name for p in folder.iterdir()] if folder.exists() and not known else []
         others = [name for name in others if name != LOCK]
@@ -203,16 +202,9 @@ def _writing(folder: Path, identity: dict[str, Any]) -> Iterator[optuna.Study]:
                 f"search to go on with, with -o."
             )
         folder.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(folder / LOCK, timeout=0)
-        try:
-            lock.acquire()
-        except Timeout:
-            raise OutputError(
-                f"{folder} is being written by another gpuspec; wait for it, or choose another "
-                f"folder with -o."
-            ) from None
+        lock = taken_lock(folder, LOCK)
     try:
-        with _writes_to(folder):
+        with writes_to(folder, "the search"):
             _claim(folder, identity)
             study = _study(folder / JOURNAL)
         yield study
@@ -255,15 +247,4 @@ def _study(journal: Path) -> optuna.Study:
     except (ValueError, KeyError) as error:
         raise OutputError(
             f"{journal} cannot be read ({error}); remove it to begin the search anew."
-        ) from None
-
-
-@contextmanager
-def _writes_to(folder: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise OutputError(
-            f"the search cannot be written to {folder}: {error.strerror or error}. Free some space "
-            f"or make the folder writable and run the same command again: it goes on where it was."
         ) from None

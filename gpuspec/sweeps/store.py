@@ -76,14 +76,7 @@ class RunFolder:
         run.check_folder()
         with writes_to(run.path):
             (run.path / _TABLE).mkdir(parents=True, exist_ok=True)
-            lock = FileLock(run.path / _LOCK, timeout=0)
-            try:
-                lock.acquire()
-            except Timeout:
-                raise OutputError(
-                    f"{run.path} is being written by another gpuspec; wait for it, or choose "
-                    f"another folder with -o."
-                ) from None
+            lock = taken_lock(run.path, _LOCK)
         try:
             with writes_to(run.path):
                 run._begin()
@@ -270,15 +263,34 @@ def table_bytes(plan: Plan) -> int:
     return plan.designs * BYTES_PER_ROW * (2 if plan.samples else 1)
 
 
+def taken_lock(folder: Path, name: str) -> FileLock:
+    """Return the lock of a folder, taken; a killed process leaves it free.
+
+    Raises
+    ------
+    OutputError
+        If another process holds it.
+    """
+    lock = FileLock(folder / name, timeout=0)
+    try:
+        lock.acquire()
+    except Timeout:
+        raise OutputError(
+            f"{folder} is being written by another gpuspec; wait for it, or choose another folder "
+            f"with -o."
+        ) from None
+    return lock
+
+
 @contextmanager
-def writes_to(path: Path) -> Iterator[None]:
-    """Say where, why and what next if writing fails."""
+def writes_to(path: Path, what: str = "the sweep") -> Iterator[None]:
+    """Say what cannot be written where, why, and what next."""
     try:
         yield
     except OSError as error:
         reason = error.strerror or str(error)
         raise OutputError(
-            f"the sweep cannot be written to {path}: {reason}. Free some space or make the folder "
+            f"{what} cannot be written to {path}: {reason}. Free some space or make the folder "
             f"writable and run the same command again: it goes on where it was."
         ) from None
 
