@@ -14,6 +14,7 @@ from gpuspec.errors import BackendError
 from gpuspec.levels import Sample, Zones
 from gpuspec.opencl_levels import OpenCLCounter
 from gpuspec.parameters import design_block, geometry_block
+from gpuspec.pocl import repair
 from gpuspec.relief import Relief, blocks, groove_records
 from gpuspec.sources import kernel_source
 from gpuspec.station import Station
@@ -48,6 +49,8 @@ def devices() -> list[Any]:
             continue
     if not found:
         raise BackendError(f"opencl: no OpenCL device found; {INSTALL}.")
+    for device in found:
+        repair(device)
     return sorted(found, key=lambda d: not d.type & cl.device_type.GPU)
 
 

@@ -59,7 +59,7 @@
 #define min(a, b) __builtin_elementwise_min((REAL)(a), (REAL)(b))
 #define clamp(x, low, high) min(max(x, low), high)
 #endif
-#if __has_builtin(__builtin_ia32_sqrtps256)
+#if defined(__AVX__) && __has_builtin(__builtin_ia32_sqrtps256)
 #undef sqrt
 typedef float Packed __attribute__((vector_size(32)));
 #define sqrt(x) \
