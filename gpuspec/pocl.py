@@ -1,4 +1,4 @@
-"""PoCL as pip installs it, on a CPU newer than its compiler: the CPU gets a name the compiler knows.
+"""PoCL as pip installs it, on a CPU newer than its compiler: it gets the name of an older one.
 
 The wheel's LLVM 14 calls a CPU that it does not know `generic`, which its own clang then refuses
 ("unknown target CPU 'generic'": pocl issues 512 and 1049). No build flag changes that, and there is
@@ -50,8 +50,9 @@ def repair(device: Any) -> None:
     """
     if device.platform.version != REPAIRED:
         return
+    words = _at(device, _TRIPLE_WORD), _at(device, _CPU_WORD)
     wanted = os.environ.get(SWITCH, "")
-    if wanted == "off" or _at(device, _TRIPLE_WORD) != _TRIPLE or _at(device, _CPU_WORD) != _UNKNOWN:
+    if wanted == "off" or words != (_TRIPLE, _UNKNOWN):
         return
     name = ctypes.create_string_buffer(wanted.encode() or suited(_flags()))
     _kept.append(name)
