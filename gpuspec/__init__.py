@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from gpuspec.backends import open_backend
+    from gpuspec.devices import open_backend
     from gpuspec.errors import GpuspecError
     from gpuspec.inspection import Result, simulate
     from gpuspec.report import write
@@ -27,7 +27,7 @@ _HOME = {
     "Result": "inspection",
     "Station": "station",
     "example": "stationfile",
-    "open_backend": "backends",
+    "open_backend": "devices",
     "simulate": "inspection",
     "write": "report",
 }

@@ -6,7 +6,8 @@ Nothing downstream of an aspect image knows which backend made it.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -20,13 +21,12 @@ from gpuspec.relief import Relief
 from gpuspec.station import Station
 
 Image = NDArray[np.float32]
+Settings = Mapping[str, Any]
+"""What a device needs to compute, and to be fast, as JSON holds it."""
 
 FUSIONS = ("mean", "max", "min", "std", "differential")
 LOST = ("seen", "beside the part", "down", "past the tunnel's end", "camera opening")
 BESIDE = 1
-
-# In the order in which `auto` tries them.
-BACKENDS = ("opencl", "opengl", "vulkan", "numpy")
 
 
 @dataclass(frozen=True)
@@ -87,6 +87,10 @@ class LightMap(ABC):
         raise BackendError(
             f"{pattern.file} is a shader: it runs on --backend opengl or vulkan, not on this one."
         )
+
+    def failures(self) -> AbstractContextManager[None]:
+        """Turn a driver's failures into sentences."""
+        return nullcontext()
 
     def faulty(self) -> float:
         """Return the share of a pattern's samples, in some images, that are no radiance."""
@@ -164,12 +168,27 @@ class Backend(ABC):
     Attributes
     ----------
     info : DeviceInfo
+    number : int
+        Of the device, as `gpuspec devices` counts.
     memory_bytes : int
         What light maps may take of its memory.
+    advice : str
+        What to do where the device does not compute.
     """
 
     info: DeviceInfo
+    number: int = 0
     memory_bytes: int = 1 << 30
+    advice = (
+        "Update its driver, or choose another --device or --backend; `gpuspec devices` lists them."
+    )
+
+    def candidates(self) -> Sequence[Settings]:
+        """Return the settings with which the device may compute, the best first."""
+        return ({},)
+
+    def settle(self, settings: Settings) -> None:  # noqa: B027 (most have none)
+        """Take the settings with which the device is known to compute."""
 
     @abstractmethod
     def trace(self, station: Station, relief: Relief | None = None) -> LightMap:
@@ -223,103 +242,3 @@ def has_closed_form(station: Station) -> bool:
         and not station.sensor.noise
         and station.camera.subsampling == 1
     )
-
-
-def open_backend(
-    name: str = "auto", device: str | None = None, among: tuple[str, ...] = BACKENDS
-) -> Backend:
-    """Open a backend; one asked for by name is never swapped.
-
-    Parameters
-    ----------
-    name : str
-        One of ``BACKENDS``, or "auto": the first of them that opens.
-    device : str, optional
-        Part of the device's name, or its number in `gpuspec devices`.
-    among : tuple of str
-        What "auto" tries, in order.
-
-    Returns
-    -------
-    Backend
-
-    Raises
-    ------
-    BackendError
-        If it is absent, with the reason and what to install.
-    """
-    if name != "auto":
-        return _open(name, device)
-    reasons = []
-    for candidate in among:
-        try:
-            return _open(candidate, device)
-        except BackendError as error:
-            reasons.append(str(error))
-    raise BackendError("no backend can be opened.\n" + "\n".join(reasons))
-
-
-def _open(name: str, device: str | None) -> Backend:
-    # Backends are imported when used: an absent driver must not keep the others from working.
-    if name == "opencl":
-        from gpuspec.opencl import OpenCLBackend
-
-        return OpenCLBackend(device)
-    if name == "opengl":
-        from gpuspec.opengl import OpenGLBackend
-
-        return OpenGLBackend(device)
-    if name == "vulkan":
-        from gpuspec.vulkan import VulkanBackend
-
-        return VulkanBackend(device)
-    if name == "numpy":
-        from gpuspec.reference import NumpyBackend
-
-        return NumpyBackend(device)
-    raise BackendError(f"backend {name!r} is not known; choose one of auto, {', '.join(BACKENDS)}.")
-
-
-@dataclass(frozen=True)
-class Found:
-    """A line of `gpuspec devices`: a device, or why a backend is absent."""
-
-    backend: str
-    info: DeviceInfo | None
-    number: int
-    remark: str
-
-
-def survey() -> list[Found]:
-    """Return every device of every backend, what `auto` takes, and why backends are absent."""
-    found: list[Found] = []
-    chosen = ""
-    for name in BACKENDS:
-        try:
-            infos = _devices(name)
-        except BackendError as error:
-            found.append(Found(name, None, 0, f"absent: {error}"))
-            continue
-        for number, info in enumerate(infos):
-            remark = f"auto takes {chosen} first" if chosen else "chosen by auto"
-            found.append(Found(name, info, number, remark))
-            chosen = chosen or name
-    return found
-
-
-def _devices(name: str) -> list[DeviceInfo]:
-    if name == "opencl":
-        from gpuspec import opencl
-
-        return [opencl.describe(device) for device in opencl.devices()]
-    if name == "opengl":
-        from gpuspec import opengl
-
-        return opengl.devices()
-    if name == "vulkan":
-        from gpuspec import vulkan
-
-        return [vulkan.describe(adapter.info) for adapter in vulkan.adapters()]
-    from gpuspec.reference import NumpyBackend
-
-    return [NumpyBackend().info]

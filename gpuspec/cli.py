@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gpuspec import __version__
+from gpuspec.devices_command import devices
 from gpuspec.errors import GpuspecError
 from gpuspec.studies import commands as studies
 from gpuspec.sweeps.commands import sweep
@@ -28,6 +29,7 @@ from gpuspec.terminal import (
     changed,
     console,
     progress,
+    show_warnings_as_notes,
 )
 
 if TYPE_CHECKING:
@@ -138,6 +140,7 @@ def prototype(
 app.command()(sweep)
 app.command()(front)
 app.command()(optimise)
+app.command()(devices)
 
 
 @app.command()
@@ -164,27 +167,6 @@ def schema() -> None:
     from gpuspec.station import Station
 
     print(json.dumps(Station.model_json_schema(), indent=2))
-
-
-@app.command()
-def devices() -> None:
-    """List backends and devices: what is there, what would be chosen, why not the others."""
-    from rich.table import Column, Table
-
-    from gpuspec.backends import survey
-
-    remark = Column("", overflow="fold")  # what to install is copied from here
-    table = Table("backend", "device", "driver", "version", remark)
-    for entry in survey():
-        if entry.info is None:
-            table.add_row(entry.backend, "-", "-", "-", entry.remark)
-        else:
-            info = entry.info
-            table.add_row(
-                entry.backend, f"{entry.number}: {info.device}", info.driver, info.version,
-                entry.remark,
-            )  # fmt: skip
-    console().print(table)
 
 
 def _version(asked: bool) -> None:
@@ -218,7 +200,7 @@ def _summarise(result: Result, output: Path, chosen: bool) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from gpuspec.backends import BACKENDS
+    from gpuspec.devices import BACKENDS
 
     score = result.score
     rows, columns = result.station.shape
@@ -270,6 +252,7 @@ def main() -> None:
     if isinstance(sys.stdout, io.TextIOWrapper):
         # A name that the terminal cannot show must not end a run.
         sys.stdout.reconfigure(errors="backslashreplace")
+    show_warnings_as_notes()
     try:
         app()
     except GpuspecError as error:

@@ -19,6 +19,14 @@ class BackendError(GpuspecError):
     """A backend or device is absent, or its kernels do not build."""
 
 
+class DeviceError(BackendError):
+    """A device is there and does not open, or does not compute."""
+
+
+class DeviceWarning(UserWarning):
+    """A device was left for another, which was not asked for by name."""
+
+
 class OutputError(GpuspecError):
     """Results cannot be written where they were asked for."""
 

@@ -11,8 +11,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.backends import BESIDE, Backend, DeviceInfo, Image, LightMap, open_backend
+from gpuspec.backends import BESIDE, Backend, DeviceInfo, Image, LightMap
 from gpuspec.classification import DEFAULT_RULES, ClassRule, Confusion, classify, confusion
+from gpuspec.devices import open_backend
 from gpuspec.errors import StationError
 from gpuspec.measures import Blobs, measure_blobs
 from gpuspec.relief import Relief
@@ -141,7 +142,7 @@ def simulate(
     ----------
     station : Station
     backend : str or Backend
-        A name for :func:`gpuspec.backends.open_backend`, or an open backend.
+        A name for :func:`gpuspec.devices.open_backend`, or an open backend.
     device : str, optional
         Part of the device's name, or its number.
     progress : callable, optional

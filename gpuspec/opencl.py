@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from typing import Any
@@ -9,20 +10,35 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.backends import FUSIONS, Backend, DeviceInfo, Image, chosen, failure
-from gpuspec.errors import BackendError
+from gpuspec import cache, intel, pocl
+from gpuspec.backends import FUSIONS, Backend, DeviceInfo, Image, Settings, chosen, failure
+from gpuspec.errors import BackendError, DeviceError
 from gpuspec.levels import Sample, Zones
 from gpuspec.opencl_levels import OpenCLCounter
 from gpuspec.parameters import design_block, geometry_block
-from gpuspec.pocl import repair
 from gpuspec.relief import Relief, blocks, groove_records
 from gpuspec.sources import kernel_source
 from gpuspec.station import Station
 from gpuspec.tiles import PlanarTile, TiledLightMap
 from gpuspec.topography import coefficients, map_records
 
-INSTALL = "pip install pocl-binary-distribution (Linux), or your GPU's OpenCL driver"
+INSTALL = (
+    "install your GPU's OpenCL driver or, for the CPU, pip install pocl-binary-distribution "
+    '(Linux), pip install "gpuspec[intel]" (Linux, Windows), or apt install pocl-opencl-icd '
+    "(Debian, Ubuntu)"
+)
+INTEL = "Intel(R) OpenCL"
 _TILE_BYTES_MAX = 1 << 30
+
+VECTOR = 8
+"""Pixels of a REAL where it is a vector; rows are padded to whole ones."""
+
+FILES = ("trace.cl", "aspect.cl", "sequence.cl", "sweep.cl")
+
+# Pixels of a REAL by kernel file, where `gpuspec devices --test` found another width faster than
+# that of the device's type. Intel's compiler vectorises over work-items by itself, and its closed
+# form is then 2.8 times as fast, but not its loop over images (0.03 times).
+_MEASURED: dict[str, dict[str, int]] = {INTEL: {"aspect.cl": 1}}
 
 
 def devices() -> list[Any]:
@@ -33,12 +49,14 @@ def devices() -> list[Any]:
     BackendError
         If pyopencl or every platform is missing.
     """
+    cache.lend("POCL_CACHE_DIR", "pocl")
     try:
         import pyopencl as cl
     except ImportError as error:
         raise BackendError(f"opencl: pyopencl cannot be imported ({error}); {INSTALL}.") from None
     try:
-        platforms = cl.get_platforms()
+        with intel.known_to_loader():
+            platforms = cl.get_platforms()
     except cl.Error as error:
         raise BackendError(f"opencl: no OpenCL platform found ({error}); {INSTALL}.") from None
     found = []
@@ -50,8 +68,17 @@ def devices() -> list[Any]:
     if not found:
         raise BackendError(f"opencl: no OpenCL device found; {INSTALL}.")
     for device in found:
-        repair(device)
-    return sorted(found, key=lambda d: not d.type & cl.device_type.GPU)
+        pocl.repair(device)
+    return sorted(found, key=_late)
+
+
+def _late(device: Any) -> int:
+    """Return where a device comes: GPUs, other CPUs' drivers such as PoCL, Intel's for CPUs."""
+    import pyopencl as cl
+
+    if device.type & cl.device_type.GPU:
+        return 0
+    return 2 if device.platform.name.strip() == INTEL else 1
 
 
 def gpu_count() -> int:
@@ -68,7 +95,9 @@ def gpu_count() -> int:
 def describe(device: Any) -> DeviceInfo:
     """Return what is recorded of a device."""
     platform = device.platform
-    return DeviceInfo("opencl", device.name.strip(), platform.name.strip(), device.driver_version)
+    built_for = pocl.cpu(device)
+    version = f"{device.driver_version} for {built_for}" if built_for else device.driver_version
+    return DeviceInfo("opencl", device.name.strip(), platform.name.strip(), version)
 
 
 class OpenCLBackend(Backend):
@@ -89,22 +118,41 @@ class OpenCLBackend(Backend):
         No platform, no such device, or a kernel that does not build.
     """
 
+    advice = f"Choose another --device or --backend (`gpuspec devices` lists them), or {INSTALL}."
+
     def __init__(self, device: str | None = None, memory_bytes: int | None = None) -> None:
         found = devices()  # says what to install where pyopencl is missing
         import pyopencl as cl
 
         self.cl = cl
-        self.device = found[chosen("opencl", [d.name for d in found], device)]
+        self.number = chosen("opencl", [d.name for d in found], device)
+        self.device = found[self.number]
         self.info = describe(self.device)
-        on_cpu = bool(self.device.type & cl.device_type.CPU)
-        self.width = 8 if on_cpu else 1
+        self.settle(self.candidates()[0])
         self.memory_bytes = memory_bytes or self.device.global_mem_size // 2
-        self._kernels: dict[str, Any] = {}
         try:
             self.context = cl.Context([self.device])
             self.queue = cl.CommandQueue(self.context)
         except cl.Error as error:
-            raise BackendError(f"opencl: {self.info.device} does not open ({error}).") from None
+            raise DeviceError(f"opencl: {self.info.device} does not open ({error}).") from None
+
+    def candidates(self) -> tuple[Settings, ...]:
+        """See :meth:`Backend.candidates`: vectors suit a CPU, and single pixels always compile."""
+        single, vectors = (dict.fromkeys(FILES, width) for width in (1, VECTOR))
+        if not self.device.type & self.cl.device_type.CPU:
+            return ({"widths": single},)
+        vectors |= _MEASURED.get(self.info.driver, {})
+        return {"widths": vectors}, {"widths": single}
+
+    def settle(self, settings: Settings) -> None:
+        """See :meth:`Backend.settle`; `widths` are the pixels of a REAL by kernel file."""
+        self.widths: dict[str, int] = {**dict.fromkeys(FILES, 1), **settings.get("widths", {})}
+        self._kernels: dict[str, Any] = {}
+
+    @property
+    def width(self) -> int:
+        """The widest REAL of all kernels, of which rows hold a whole number."""
+        return max(self.widths.values())
 
     def kernel(self, file: str, name: str) -> Any:
         """Return a kernel of `kernels/`, built when first asked for.
@@ -115,21 +163,36 @@ class OpenCLBackend(Backend):
             If it does not build.
         """
         if name not in self._kernels:
-            self._kernels[name] = self.cl.Kernel(self.program(kernel_source(file), file), name)
+            program = self.program(kernel_source(file), file, self.widths[file])
+            self._kernels[name] = self.cl.Kernel(program, name)
         return self._kernels[name]
 
-    def program(self, source: str, file: str) -> Any:
-        """Build a program for the device; REAL has the width that suits it.
+    def program(self, source: str, file: str, width: int | None = None) -> Any:
+        """Build a program for the device.
+
+        Parameters
+        ----------
+        source : str
+        file : str
+            Named in messages.
+        width : int, optional
+            Pixels of a REAL; None: the widest of the kernels.
 
         Raises
         ------
         BackendError
             With the compiler's log, file and line kept.
         """
+        options = [f"-DWIDTH={width or self.width}"]
         try:
-            return self.cl.Program(self.context, source).build([f"-DWIDTH={self.width}"])
+            with warnings.catch_warnings():
+                # Compilers that only say what they did (Intel's) are not to be quoted to a user.
+                warnings.simplefilter("ignore", self.cl.CompilerWarning)
+                return self.cl.Program(self.context, source).build(options)
         except self.cl.Error as error:
-            log = str(error)
+            noise = ("clBuildProgram failed", "Build on <", "(options:")
+            lines = [line for line in str(error).splitlines() if line.strip()]
+            log = "\n".join(line for line in lines if not line.startswith(noise)) or str(error)
             if "error:" not in log:  # PoCL writes its programs to a folder, and is silent when full
                 log += "\nThe compiler gave no reason; is the disk of ~/.cache/pocl full?"
             raise BackendError(f"kernels/{file} does not build with {self.info}:\n{log}") from None
@@ -208,7 +271,7 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
         light, footprint, irradiance = (b.empty(4 * plane * self._sub_rays) for _ in range(3))
         tile = PlanarTile(first_row, rows, light, footprint, irradiance, b.empty(plane))
         b.kernel("trace.cl", "trace")(
-            b.queue, (self.stride // b.width, rows), None,
+            b.queue, (self.stride // b.widths["trace.cl"], rows), None,
             tile.light, tile.footprint, tile.irradiance, tile.lost,
             *self._inputs, np.int32(first_row),
         )  # fmt: skip
@@ -238,8 +301,9 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
         """Start a kernel on a tile; its planes go to the buffer `grey`."""
         b = self.backend
         more = [np.int32(k)] if what == "image" else []
-        b.kernel(*_KERNELS[what])(
-            b.queue, (self.stride // b.width, tile.rows), None,
+        file, kernel = _KERNELS[what]
+        b.kernel(file, kernel)(
+            b.queue, (self.stride // b.widths[file], tile.rows), None,
             grey, tile.light, tile.footprint, tile.irradiance, design,
             np.int32(self._sub_rays), np.int32(tile.first_row), *more,
         )  # fmt: skip

@@ -56,7 +56,7 @@ class OpenCLCounter:
         self._backend = light_map.backend
         self._zones = zones
         self._sample: tuple[_PixelSet, _PixelSet] | None = None
-        width = self._backend.width
+        width = self._backend.widths["sweep.cl"]
         with self._backend.failures():
             ends, places = _whole_vectors(zones, width)
             self._first = self._backend.constant(ends.astype(np.uint32))
@@ -105,7 +105,7 @@ class OpenCLCounter:
             for counter, parts in zip(counters, sets, strict=True):
                 for part in parts:
                     self._enqueue(counter, part, designs, len(blocks), per_dn)
-            peaks = np.zeros((len(blocks), defects, b.width), np.float32)
+            peaks = np.zeros((len(blocks), defects, b.widths["sweep.cl"]), np.float32)
             if defects:
                 highest = b.empty(peaks.nbytes)
                 b.kernel("sweep.cl", "zone_peaks")(
@@ -128,7 +128,7 @@ class OpenCLCounter:
         if self._sample is None:
             return np.zeros(count, np.int64)
         b = self._backend
-        highest = np.empty((count, self._region_vectors * b.width), np.float32)
+        highest = np.empty((count, self._region_vectors * b.widths["sweep.cl"]), np.float32)
         buffer = b.empty(highest.nbytes)
         b.kernel("sweep.cl", "ceilings")(
             b.queue, (count, self._region_vectors), None, buffer, *self._regions, designs, per_dn
@@ -150,7 +150,7 @@ class OpenCLCounter:
         b = self._backend
         stretches = -(-pixels.count // _STRETCH)
         size, group = ((count, stretches), (1, 1))
-        if b.width == 1:
+        if b.widths["sweep.cl"] == 1:
             size, group = ((count, stretches * _GROUP), (1, _GROUP))
         if stretches:
             b.kernel("sweep.cl", "count_levels")(

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.backends import FUSIONS, Backend, DeviceInfo, Image, chosen, failure
-from gpuspec.errors import BackendError
+from gpuspec.errors import BackendError, DeviceError
 from gpuspec.parameters import design_block, geometry_block
 from gpuspec.patterns import Pattern
 from gpuspec.relief import Relief, blocks, groove_records
@@ -108,7 +108,8 @@ class OpenGLBackend(Backend):
         memory_bytes: int | None = None,
         texture_columns: int | None = None,
     ) -> None:
-        self.context = _chosen(device)  # says what to install where moderngl is missing
+        self.number = _chosen(device)
+        self.context = _context(self.number)  # says what to install where moderngl is missing
         import moderngl
 
         self.gl = moderngl
@@ -124,7 +125,7 @@ class OpenGLBackend(Backend):
             try:
                 self.context.framebuffer([self.target((1, 1), 4)])
             except moderngl.Error as error:
-                raise BackendError(
+                raise DeviceError(
                     f"opengl: {self.info.device} cannot draw into float targets ({error}); "
                     f"install {INSTALL}."
                 ) from None
@@ -240,10 +241,10 @@ class OpenGLBackend(Backend):
                 raise failure(self.info, code, memory=code == "GL_OUT_OF_MEMORY")
 
 
-def _chosen(wanted: str | None) -> Any:
-    """Open the device asked for."""
+def _chosen(wanted: str | None) -> int:
+    """Return the number of the device asked for."""
     names = [] if wanted is None else [info.device for info in devices()]
-    return _context(chosen("opengl", names, wanted))
+    return chosen("opengl", names, wanted)
 
 
 @dataclass(frozen=True)

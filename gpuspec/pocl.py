@@ -23,13 +23,11 @@ _UNKNOWN = b"generic"
 _TRIPLE_WORD, _CPU_WORD = 79, 80  # eight-byte words from the start of struct _cl_device_id
 
 _HASWELL = {"avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe", "popcnt"}
-# The first whose instructions the machine has; LLVM 14 knows no later AMD than Zen 3.
+# The first whose instructions, those that compilers choose by themselves, the machine has. LLVM 14
+# knows no later AMD than Zen 3.
 _NAMES = (
-    (b"znver3", _HASWELL | {"sse4a", "adx", "clzero", "rdseed"}),
-    (
-        b"skylake-avx512",
-        _HASWELL | {"adx", "rdseed", "avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"},
-    ),
+    (b"znver3", _HASWELL | {"sse4a", "adx", "clzero"}),
+    (b"skylake-avx512", _HASWELL | {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"}),
     (b"haswell", _HASWELL),
     (b"x86-64", set[str]()),
 )

@@ -50,7 +50,7 @@ class Bench:
     ----------
     station : Station
     backend, device : str
-        As in :func:`gpuspec.backends.open_backend`.
+        As in :func:`gpuspec.devices.open_backend`.
     limit_s : float
         Longest a pattern may run.
     """
@@ -163,10 +163,12 @@ def _work(
     """Run in the worker: trace once, then answer one pattern after another."""
     import signal
 
-    from gpuspec.backends import open_backend
+    from gpuspec.devices import open_backend
     from gpuspec.inspection import trace
     from gpuspec.report import summary, write_files, write_glance
+    from gpuspec.terminal import show_warnings_as_notes
 
+    show_warnings_as_notes()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
     try:
         station = Station.from_dict(data, file, folder)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from functools import cache
 from pathlib import Path
@@ -16,6 +17,16 @@ def folder(name: str) -> Path:
     """Return the folder of `kernels` or `shaders`: inside the installed package, or beside it."""
     inside = Path(__file__).parent / name
     return inside if inside.is_dir() else Path(__file__).parent.parent / name
+
+
+@cache
+def digest() -> str:
+    """Return a digest of every kernel and shader."""
+    found = hashlib.sha256()
+    for name in ("kernels", "shaders"):
+        for path in sorted(folder(name).rglob("*.*")):
+            found.update(path.name.encode() + path.read_bytes())
+    return found.hexdigest()
 
 
 @cache

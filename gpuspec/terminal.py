@@ -84,6 +84,24 @@ def counted(total: int) -> Iterator[Any]:
         yield lambda text, done, of: bar.update(task, description=text, completed=done, total=of)
 
 
+def show_warnings_as_notes() -> None:
+    """Print gpuspec's own warnings as a line that begins with "note:", on the error stream."""
+    import warnings
+
+    from gpuspec.errors import DeviceWarning
+
+    usual = warnings.showwarning
+
+    def show(message: Any, category: type[Warning], *where: Any, **more: Any) -> None:
+        if issubclass(category, DeviceWarning):
+            console(stderr=True).print(f"note: {message}", soft_wrap=True)
+        else:
+            usual(message, category, *where, **more)
+
+    warnings.simplefilter("always", DeviceWarning)
+    warnings.showwarning = show
+
+
 @contextmanager
 def extra(name: str) -> Iterator[None]:
     """Say which extra of gpuspec to install where one of its packages is missing.

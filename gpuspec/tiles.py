@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, nullcontext
 from copy import copy
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
@@ -75,10 +74,6 @@ class TiledLightMap(LightMap, Generic[Tile]):
         `what` is "image" (number k), "mean", "fuse" (a plane each of ``FUSIONS``), "closed_form"
         or, of a pattern, "faulty" (share of samples that are none).
         """
-
-    def failures(self) -> AbstractContextManager[None]:
-        """Turn a driver's failures into sentences."""
-        return nullcontext()
 
     @property
     def tiles(self) -> int:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.backends import FUSIONS, Backend, DeviceInfo, Image, chosen, failure
-from gpuspec.errors import BackendError
+from gpuspec.errors import BackendError, DeviceError
 from gpuspec.parameters import design_block, geometry_block
 from gpuspec.patterns import Pattern
 from gpuspec.relief import Relief, blocks, groove_records
@@ -25,7 +25,7 @@ from gpuspec.station import Station
 from gpuspec.tiles import PlanarTile, ShaderLightMap
 from gpuspec.topography import coefficients, map_records
 
-INSTALL_WGPU = 'pip install "gpuspec[vulkan]"'
+INSTALL_WGPU = "pip install wgpu"
 INSTALL_DRIVER = (
     "install your GPU's Vulkan driver, or on Debian and Ubuntu the software driver: "
     "apt install mesa-vulkan-drivers libvulkan1"
@@ -127,7 +127,8 @@ class VulkanBackend(Backend):
 
     def __init__(self, device: str | None = None, memory_bytes: int | None = None) -> None:
         found = adapters()  # says what to install where wgpu is missing
-        adapter = found[chosen("vulkan", [a.info["device"] for a in found], device)]
+        self.number = chosen("vulkan", [a.info["device"] for a in found], device)
+        adapter = found[self.number]
         import wgpu
 
         self.wgpu = wgpu
@@ -138,7 +139,7 @@ class VulkanBackend(Backend):
             with _runtime_folder():
                 self.device = adapter.request_device_sync(required_limits=adapter.limits)
         except Exception as error:
-            raise BackendError(f"vulkan: {self.info.device} does not open ({error}).") from None
+            raise DeviceError(f"vulkan: {self.info.device} does not open ({error}).") from None
         self._pipelines: dict[tuple[str, tuple[str, ...], Pattern | None], Any] = {}
         self._staging: Any = None
 

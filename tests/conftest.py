@@ -13,7 +13,8 @@ import pytest
 from commandline import STATION, Command, Ran
 
 from gpuspec import cli
-from gpuspec.backends import BACKENDS, Backend, open_backend
+from gpuspec.backends import Backend
+from gpuspec.devices import BACKENDS, open_backend
 from gpuspec.errors import BackendError
 from gpuspec.opencl import OpenCLBackend
 

@@ -14,14 +14,8 @@ from scenes import check_station
 import gpuspec
 from gpuspec import backends
 from gpuspec import opencl as opencl_module
-from gpuspec.backends import (
-    BACKENDS,
-    LightMapArrays,
-    chosen,
-    has_closed_form,
-    open_backend,
-    survey,
-)
+from gpuspec.backends import LightMapArrays, chosen, has_closed_form
+from gpuspec.devices import BACKENDS, open_backend, survey
 from gpuspec.errors import BackendError
 from gpuspec.opencl import OpenCLBackend
 from gpuspec.reference import NumpyBackend

@@ -18,7 +18,7 @@ from commandline import PROGRAM, STATION, content, hidden, program, said
 
 import gpuspec
 from gpuspec import backends, cli, inspection, opencl, sources
-from gpuspec.backends import BACKENDS
+from gpuspec.devices import BACKENDS
 from gpuspec.report import FILES
 from gpuspec.station import Station
 from gpuspec.stationfile import examples

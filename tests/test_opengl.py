@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scenes import check_station
 
-from gpuspec.backends import open_backend, survey
+from gpuspec.devices import open_backend, survey
 from gpuspec.errors import BackendError
 from gpuspec.opengl import OpenGLBackend
 from gpuspec.sources import folder, resolved_shader

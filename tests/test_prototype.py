@@ -14,7 +14,7 @@ from scenes import check_station
 from tolerances import DEVICE_DN
 
 from gpuspec import prototype
-from gpuspec.backends import open_backend
+from gpuspec.devices import open_backend
 from gpuspec.errors import BackendError, PatternError
 from gpuspec.inspection import Traced, trace
 from gpuspec.patterns import Pattern, shipped

@@ -14,7 +14,7 @@ import wgpu
 import wgpu.backends.wgpu_native  # now: importing it later replaces wgpu.gpu
 from scenes import check_station
 
-from gpuspec.backends import open_backend
+from gpuspec.devices import open_backend
 from gpuspec.errors import BackendError
 from gpuspec.sources import folder, resolved_shader
 from gpuspec.vulkan import VulkanBackend, describe, preferred

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.backends import BESIDE, Backend, DeviceInfo, Image, open_backend
+from gpuspec.backends import BESIDE, Backend, DeviceInfo, Image
+from gpuspec.devices import open_backend
 from gpuspec.errors import StationError
 from gpuspec.inspection import check_memory
 from gpuspec.station import Station

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.backends import Backend, DeviceInfo, open_backend
+from gpuspec.backends import Backend, DeviceInfo
+from gpuspec.devices import open_backend
 from gpuspec.errors import StationError
 from gpuspec.station import Station
 from gpuspec.studies.deflection import (

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.backends import BESIDE, Backend, DeviceInfo, open_backend
+from gpuspec.backends import BESIDE, Backend, DeviceInfo
+from gpuspec.devices import open_backend
 from gpuspec.errors import StationError
 from gpuspec.inspection import Progress, Traced, inspect, trace
 from gpuspec.parameters import MATERIALS

@@ -15,7 +15,7 @@ from dask.system import CPU_COUNT
 from distributed import Client, LocalCluster
 
 from gpuspec import __version__
-from gpuspec.backends import open_backend
+from gpuspec.devices import open_backend
 from gpuspec.errors import ClusterError
 from gpuspec.sweeps.bench import Bench
 from gpuspec.sweeps.plan import Plan
@@ -47,7 +47,7 @@ def crew(
     scheduler : str
         Address of a Dask scheduler with workers, e.g. ``"tcp://host:8786"``; empty: none.
     backend : str
-        See :func:`gpuspec.backends.open_backend`.
+        See :func:`gpuspec.devices.open_backend`.
     device : str, optional
         Which device every worker takes; None: each worker of a machine another of its GPUs.
 

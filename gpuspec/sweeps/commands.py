@@ -116,7 +116,7 @@ def _crew(
         ) as crew:
             yield crew, estimate(plan, None, left)
         return
-    from gpuspec.backends import open_backend
+    from gpuspec.devices import open_backend
     from gpuspec.sweeps.bench import Bench
     from gpuspec.sweeps.run import Alone
 

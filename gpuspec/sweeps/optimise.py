@@ -13,7 +13,8 @@ from typing import Any
 import optuna
 from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
 
-from gpuspec.backends import Backend, DeviceInfo, open_backend
+from gpuspec.backends import Backend, DeviceInfo
+from gpuspec.devices import open_backend
 from gpuspec.errors import OutputError, StationError
 from gpuspec.levels import thresholds
 from gpuspec.station import Station
@@ -143,7 +144,7 @@ def optimise(
     rule : Rule, optional
     seed : int
     backend : str or Backend
-        A name for :func:`gpuspec.backends.open_backend`, or an open backend.
+        A name for :func:`gpuspec.devices.open_backend`, or an open backend.
     device : str, optional
         Part of the device's name, or its number.
     progress : callable, optional

@@ -13,7 +13,8 @@ from threading import Lock
 import pyarrow as pa
 from filelock import FileLock, Timeout
 
-from gpuspec.backends import Backend, open_backend
+from gpuspec.backends import Backend
+from gpuspec.devices import open_backend
 from gpuspec.opencl import gpu_count
 from gpuspec.station import Station
 from gpuspec.sweeps.bench import Bench

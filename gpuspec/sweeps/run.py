@@ -11,7 +11,8 @@ from typing import Protocol
 import numpy as np
 import pyarrow as pa
 
-from gpuspec.backends import Backend, open_backend
+from gpuspec.backends import Backend
+from gpuspec.devices import open_backend
 from gpuspec.sweeps.bench import Bench
 from gpuspec.sweeps.front import Front
 from gpuspec.sweeps.plan import Plan
@@ -77,7 +78,7 @@ def sweep(
     folder : str or Path
         Of a new sweep, or of this one to go on with.
     backend : str or Backend
-        A name for :func:`gpuspec.backends.open_backend`, or an open backend.
+        A name for :func:`gpuspec.devices.open_backend`, or an open backend.
     device : str, optional
         Part of the device's name, or its number.
     progress : callable, optional

@@ -16,7 +16,7 @@ import oracle
 from scenes import check_station, oracle_scene
 from test_accuracy import TABLE
 
-from gpuspec.backends import open_backend
+from gpuspec.devices import open_backend
 from gpuspec.reference import NumpyBackend
 
 

@@ -10,35 +10,13 @@ from __future__ import annotations
 
 import argparse
 import math
-import time
-from collections.abc import Callable
-from functools import partial
-from typing import Any
 
 import numba
 import numpy as np
 
-from gpuspec.backends import open_backend
-from gpuspec.opencl import OpenCLBackend
-from gpuspec.opengl import OpenGLBackend
-from gpuspec.parameters import design_block
-from gpuspec.sources import resolved_shader
+from gpuspec.device_test import Run, best, steps
+from gpuspec.devices import open_backend
 from gpuspec.station import Station
-from gpuspec.vulkan import GROUP, VulkanBackend
-
-Run = Callable[[], object]
-Steps = tuple[Run, Run, Callable[[str, Station], Run]]
-
-
-def best(run: Run, times: int = 7) -> float:
-    """Return the shortest of some runs in seconds, after one to warm up."""
-    run()
-    spans = []
-    for _ in range(times):
-        start = time.perf_counter()
-        run()
-        spans.append(time.perf_counter() - start)
-    return min(spans)
 
 
 def numpy_mean(light, footprint, irradiance, a, period, gain, images):
@@ -75,62 +53,6 @@ def numba_mean(light, footprint, irradiance, a, period, gain, images, out):
         out[i] = total * np.float32(255) / np.float32(images)
 
 
-def opencl_steps(b: OpenCLBackend, light_map: Any, shape: tuple[int, int]) -> Steps:
-    """Return how OpenCL finishes, copies a light coordinate, and starts what makes images."""
-    tile, size = light_map._kept[0], light_map.stride * shape[0]
-    grey = b.empty(4 * size)
-    kernel = b.program(
-        "__kernel void copy(__global const float8 *a, __global float8 *b)"
-        "{ size_t i = get_global_id(0); b[i] = a[i]; }",
-        "copy",
-    ).copy
-
-    def start(what: str, station: Station) -> Run:
-        return partial(light_map.enqueue, tile, what, b.constant(design_block(station)), 0, grey)
-
-    return b.queue.finish, partial(kernel, b.queue, (size // 8,), None, tile.light, grey), start
-
-
-def opengl_steps(b: OpenGLBackend, light_map: Any, shape: tuple[int, int]) -> Steps:
-    """Return the same of OpenGL; its copy is a fragment shader from texture to texture."""
-    grey, other = b.target(shape[::-1], 1), b.target(shape[::-1], 1)
-    text = "uniform sampler2D a; out float b;"
-    text += "void main() { b = texelFetch(a, ivec2(gl_FragCoord.xy), 0).x; }"
-    copy = b.build(*resolved_shader(text, "copy", 330))
-
-    def start(what: str, station: Station) -> Run:
-        return partial(light_map.draw, light_map._kept[0], what, station, 0, [grey])
-
-    zero = np.zeros(4, np.float32)
-    return b.context.finish, partial(b.draw, copy, [grey], zero, {"a": other}), start
-
-
-def vulkan_steps(b: VulkanBackend, light_map: Any, shape: tuple[int, int]) -> Steps:
-    """Return the same of Vulkan; its copy is a compute shader from buffer to buffer."""
-    tile, grey, one = light_map._kept[0], b.empty(4 * math.prod(shape)), np.empty(1, np.float32)
-    text = f"""layout(local_size_x = {GROUP}) in;
-        layout(std430, set = 0, binding = 0) readonly buffer A {{ float a[]; }};
-        layout(std430, set = 0, binding = 1) buffer B {{ float b[]; }};
-        void main() {{
-            uint i = gl_GlobalInvocationID.y * {shape[1]}u + gl_GlobalInvocationID.x;
-            if (gl_GlobalInvocationID.x < {shape[1]}u) b[i] = a[i];
-        }}"""
-    copy = b.program(*resolved_shader(text, "copy", 450), ("read-only-storage", "storage"))
-
-    def start(what: str, station: Station) -> Run:
-        return partial(light_map.enqueue, tile, what, station, 0, grey)
-
-    run = partial(b.enqueue, copy, (tile.light, grey), shape[1], shape[0])
-    return partial(b.copy_home, one, grey), run, start
-
-
-STEPS: dict[type, Callable[..., Steps]] = {
-    OpenCLBackend: opencl_steps,
-    OpenGLBackend: opengl_steps,
-    VulkanBackend: vulkan_steps,
-}
-
-
 def main() -> None:
     """Measure and print the table."""
     options = argparse.ArgumentParser(description=__doc__)
@@ -159,10 +81,9 @@ def main() -> None:
     out = np.empty_like(light)
     runs: dict[str, tuple[float, int]] = {}
 
-    if type(backend) in STEPS:
+    if given.backend != "numpy":
         with light_map.failures():
-            finish, copy, start = STEPS[type(backend)](backend, light_map, station.shape)
-            trace = partial(light_map.trace_tile, 0, given.rows)
+            finish, copy, trace, start = steps(backend, light_map)
 
             def timed(run: Run, per_pixel: int, times: int = 7) -> tuple[float, int]:
                 return best(lambda: (run(), finish()), times), per_pixel

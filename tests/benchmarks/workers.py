@@ -16,7 +16,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from gpuspec.backends import open_backend
+from gpuspec.devices import open_backend
 from gpuspec.stationfile import example
 from gpuspec.sweeps.bench import Bench
 from gpuspec.sweeps.cluster import crew
