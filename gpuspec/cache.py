@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import tempfile
 from functools import cache
 from pathlib import Path
@@ -13,26 +14,21 @@ def folder() -> Path | None:
     """Return a folder for what may be lost, made if missing; None where nothing can be written.
 
     It is the platform's own (``~/.cache/gpuspec`` on Linux) or, where that cannot be written, one
-    that only this user can open among the temporary files.
+    among the temporary files that only this user can open.
     """
     return _usual() or _temporary()
 
 
-def lend(variable: str, name: str) -> None:
-    """Point an environment variable to a folder of ours where the usual caches cannot be written.
+def lend() -> None:
+    """Lend that folder to the drivers and libraries of this process that would use ``~/.cache``.
 
-    Parameters
-    ----------
-    variable : str
-        What another program looks at, e.g. ``POCL_CACHE_DIR``; left alone if it is set.
-    name : str
-        Of the folder.
+    PoCL, pyopencl, Mesa and matplotlib look where ``XDG_CACHE_HOME`` points, and fail or complain
+    where they cannot write. Call it before they are imported; it does nothing where they can.
     """
-    if variable in os.environ or _usual() or not folder():
-        return
-    path = _made(Path(str(folder()), name))
-    if path:
-        os.environ[variable] = str(path)
+    if sys.platform == "linux" and not _usual():
+        found = folder()
+        if found:
+            os.environ["XDG_CACHE_HOME"] = str(found.parent)
 
 
 @cache
@@ -47,12 +43,14 @@ def _usual() -> Path | None:
 
 def _temporary() -> Path | None:
     user = os.getuid() if hasattr(os, "getuid") else os.environ.get("USERNAME", "user")
-    path = _made(Path(tempfile.gettempdir()) / f"gpuspec-{user}")
-    if path is None or not hasattr(os, "getuid"):
-        return path
+    above = _made(Path(tempfile.gettempdir()) / f"gpuspec-{user}")
+    if above is None:
+        return None
+    state = above.lstat()
     # In a folder that all can write, somebody else may have made one of this name.
-    state = path.lstat()
-    return path if state.st_uid == user and not state.st_mode & 0o077 else None
+    if hasattr(os, "getuid") and (state.st_uid != user or state.st_mode & 0o077):
+        return None
+    return _made(above / "gpuspec")
 
 
 def _made(path: Path) -> Path | None:

@@ -181,7 +181,9 @@ def _options(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
-    pass
+    from gpuspec import cache
+
+    cache.lend()
 
 
 def _run(

@@ -193,7 +193,7 @@ def _devices(name: str) -> list[DeviceInfo]:
 
 
 @dataclass(frozen=True)
-class Tested:
+class DeviceReport:
     """What a test of a device found.
 
     Attributes
@@ -233,7 +233,7 @@ class Tested:
         }
 
 
-def tested(found: Found) -> Tested:
+def tested(found: Found) -> DeviceReport:
     """Test a device anew, with all settings it may have; the fastest are kept for it.
 
     Parameters
@@ -242,12 +242,12 @@ def tested(found: Found) -> Tested:
         Of :func:`survey`.
     """
     if found.info is None:
-        return Tested(found, failure=found.remark)
+        return DeviceReport(found, failure=found.remark)
     answers: list[tuple[Settings, dict[str, Any]]] = []
     try:
         device = opened(found.backend, str(found.number))
     except BackendError as error:
-        return Tested(found, failure=str(error))
+        return DeviceReport(found, failure=str(error))
     failure = ""
     for settings in device.candidates():
         try:
@@ -256,7 +256,7 @@ def tested(found: Found) -> Tested:
             failure = failure or str(error)
     if not answers:
         proof.remember(device, None)
-        return Tested(found, failure=f"{failure}\n{device.advice}")
+        return DeviceReport(found, failure=f"{failure}\n{device.advice}")
     best, ms = fastest([(settings, answer["ms"]) for settings, answer in answers])
     try:
         apart = proof.ask("prove", device, best)["difference_dn"]
@@ -264,7 +264,7 @@ def tested(found: Found) -> Tested:
         best, answer = answers[0]
         ms, apart = answer["ms"], answer["difference_dn"]
     proof.remember(device, best)
-    return Tested(found, apart, ms, best)
+    return DeviceReport(found, apart, ms, best)
 
 
 def fastest(

@@ -10,7 +10,7 @@ import typer
 from gpuspec.terminal import console, progress
 
 if TYPE_CHECKING:
-    from gpuspec.devices import Found, Tested
+    from gpuspec.devices import DeviceReport, Found
 
 
 def devices(
@@ -44,17 +44,17 @@ def devices(
             raise BackendError(f"what auto chooses fails: {result.failure}")
 
 
-def _json(found: list[Found], results: list[Tested]) -> dict[str, object]:
+def _json(found: list[Found], results: list[DeviceReport]) -> dict[str, object]:
     import platform
 
     from gpuspec import __version__
-    from gpuspec.devices import Tested
+    from gpuspec.devices import DeviceReport
 
     return {
         "gpuspec": __version__,
         "python": platform.python_version(),
         "platform": platform.platform(),
-        "devices": [one.as_dict() for one in results or map(Tested, found)],
+        "devices": [one.as_dict() for one in results or map(DeviceReport, found)],
     }
 
 
@@ -75,7 +75,7 @@ def _print_list(found: list[Found]) -> None:
     console().print(table)
 
 
-def _print_test(results: list[Tested]) -> None:
+def _print_test(results: list[DeviceReport]) -> None:
     """Print a table to paste into a report: plain text, as wide as it is."""
     from gpuspec.device_test import COPY, ROWS
 

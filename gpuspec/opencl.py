@@ -49,7 +49,7 @@ def devices() -> list[Any]:
     BackendError
         If pyopencl or every platform is missing.
     """
-    cache.lend("POCL_CACHE_DIR", "pocl")
+    cache.lend()
     try:
         import pyopencl as cl
     except ImportError as error:

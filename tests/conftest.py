@@ -32,7 +32,9 @@ def device_backend(request: pytest.FixtureRequest) -> Backend:
 
 @pytest.fixture(scope="session")
 def opencl() -> OpenCLBackend:
-    return OpenCLBackend()
+    found = open_backend("opencl")
+    assert isinstance(found, OpenCLBackend)
+    return found
 
 
 @pytest.fixture

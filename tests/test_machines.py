@@ -1,0 +1,146 @@
+"""The README's main command in a fresh environment, on machines that lack this or that."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from test_devices import UNKNOWN_CPU
+from test_wheel import clean_environment
+
+from gpuspec import pocl
+from gpuspec.devices import BACKENDS
+
+CHECKOUT = Path(__file__).resolve().parents[1]
+NUMPY_SECONDS = 12.0
+"""The demo without any driver, on two cores; 4.8 s measured on the fastest machine there was."""
+
+
+def readme_command() -> str:
+    """The README's first shell command: it sets up and runs the main job."""
+    text = (CHECKOUT / "README.md").read_text("utf-8")
+    found = re.search(r"^```sh\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    assert found
+    return found[1]
+
+
+@dataclass(frozen=True)
+class Fresh:
+    """A copy of the checkout with the environment that the README's command made in it."""
+
+    folder: Path
+    home: Path
+
+    def run(self, command: str, **environment: str) -> subprocess.CompletedProcess[str]:
+        """Run a shell command as a new user would, the environment activated if there is one."""
+        activate = "if [ -d .venv ]; then . .venv/bin/activate; fi; "
+        return subprocess.run(
+            ["bash", "-c", activate + command], cwd=self.folder, capture_output=True, text=True,
+            env={**clean_environment(self.home), "PATH": os.environ["PATH"], **environment},
+        )  # fmt: skip
+
+    def score(self) -> dict[str, object]:
+        found: dict[str, object] = json.loads((self.folder / "demo/score.json").read_text("utf-8"))
+        return found
+
+
+@pytest.fixture(scope="module")
+def fresh(tmp_path_factory: pytest.TempPathFactory) -> Fresh:
+    """Set up by the README's own command, on a CPU that PoCL's compiler does not know."""
+    folder = tmp_path_factory.mktemp("fresh")
+    listed = subprocess.run(
+        ["git", "ls-files", "-co", "--exclude-standard"], cwd=CHECKOUT, check=True,
+        capture_output=True, text=True,
+    ).stdout.splitlines()  # fmt: skip
+    for name in listed:
+        if (CHECKOUT / name).is_file():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(CHECKOUT / name, folder / name)
+    made = Fresh(folder, tmp_path_factory.mktemp("home"))
+    done = made.run(readme_command(), **UNKNOWN_CPU)
+    assert done.returncode == 0, done.stderr
+    return made
+
+
+def test_the_readmes_command_runs_where_pocl_does_not_know_the_cpu(fresh):
+    score = fresh.score()
+    assert score["backend"] == "opencl"
+    assert "generic" not in str(score["version"])
+    assert (fresh.folder / "demo/detection.png").stat().st_size > 0
+    told = fresh.run("gpuspec devices --json", **UNKNOWN_CPU, **{pocl.SWITCH: "off"})
+    first = json.loads(told.stdout)["devices"][0]
+    assert first["version"].endswith("generic"), "the CPU was known after all"
+
+
+def test_with_the_repair_switched_off_the_next_backend_is_taken_and_named(fresh):
+    done = fresh.run("gpuspec demo", **UNKNOWN_CPU, **{pocl.SWITCH: "off"})
+    assert done.returncode == 0, done.stderr
+    (line,) = done.stderr.splitlines()
+    # OpenGL is an extra and not installed here.
+    assert "unknown target CPU 'generic'" in line
+    assert line.endswith("is taken.")
+    assert " vulkan on " in line
+    assert fresh.score()["backend"] == "vulkan"
+
+
+def test_a_second_start_does_not_prove_its_device_again(fresh):
+    assert fresh.run("gpuspec demo --no-pictures").returncode == 0
+    broken = "from gpuspec import proof; proof.ask = None"
+    begin = "import sys; sys.argv = ['gpuspec', 'demo', '--no-pictures']"
+    done = fresh.run(f'python -c "{begin}; {broken}; from gpuspec.cli import main; main()"')
+    assert done.returncode == 0, done.stderr
+
+
+def test_without_write_access_to_the_cache_it_runs_as_fast_and_says_nothing(fresh, tmp_path):
+    home = tmp_path / "home"
+    (home / ".cache").mkdir(parents=True)
+    (home / ".cache").chmod(0o500)
+    less = "setpriv --bounding-set=-all --inh-caps=-all " if os.geteuid() == 0 else ""
+    refused = fresh.run(f"{less}touch {home}/.cache/file")
+    assert refused.returncode != 0, "the cache can be written after all"
+    for _ in range(2):
+        done = fresh.run(f"{less}gpuspec demo", HOME=str(home), TMPDIR=str(tmp_path))
+        assert done.returncode == 0, done.stderr
+        assert done.stderr == ""
+        assert fresh.score()["backend"] == "opencl"
+    assert list((home / ".cache").iterdir()) == []
+    kept = tmp_path / f"gpuspec-{os.getuid()}"
+    assert {"gpuspec", "pocl", "matplotlib"} <= {path.name for path in kept.iterdir()}
+
+
+def test_without_any_driver_numpy_runs_the_demo_in_good_time(fresh):
+    fresh.run("pip uninstall -q -y pocl-binary-distribution && mv $(find .venv -name pocl.icd) .")
+    nothing = {name: "/nonexistent" for name in ("OCL_ICD_VENDORS", "VK_DRIVER_FILES",
+               "VK_ICD_FILENAMES")}  # fmt: skip
+    start = time.perf_counter()
+    done = fresh.run("gpuspec demo", **nothing)
+    seconds = time.perf_counter() - start
+    assert done.returncode == 0, done.stderr
+    assert fresh.score()["backend"] == "numpy"
+    lines = done.stderr.splitlines()
+    assert len(lines) == len(BACKENDS) - 1
+    assert all(line.startswith("note: ") for line in lines)
+    assert "apt install pocl-opencl-icd" in done.stderr
+    assert seconds <= NUMPY_SECONDS
+
+
+def test_intels_runtime_is_found_by_itself_once_installed_and_comes_after_pocl(fresh):
+    done = fresh.run('pip install -q ".[intel]" && gpuspec devices --json')
+    assert done.returncode == 0, done.stderr
+    first, second, *_ = json.loads(done.stdout)["devices"]
+    assert "Portable Computing Language" in first["driver"]
+    assert "Intel" in second["driver"]
+    assert first["computes"] and second["computes"]
+    done = fresh.run("gpuspec demo --backend opencl --device 1")
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    score = fresh.score()
+    assert "Intel" in str(score["driver"])
+    assert score["score"]["defects_hit"] == 35
