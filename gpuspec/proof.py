@@ -21,7 +21,7 @@ import numpy as np
 from gpuspec import __version__
 from gpuspec.backends import Backend, Settings
 from gpuspec.cache import folder
-from gpuspec.errors import DeviceError
+from gpuspec.errors import BackendError, DeviceError
 from gpuspec.sources import digest
 
 SECONDS = 120.0
@@ -82,8 +82,12 @@ def tried(backend: Backend) -> Settings:
     reason = ""
     for settings in backend.candidates():
         try:
-            ask("prove", backend, settings)
-        except DeviceError as error:
+            if getattr(sys, "frozen", False):  # a program of its own, which is no Python to start
+                backend.settle(settings)
+                difference(backend)
+            else:
+                ask("prove", backend, settings)
+        except BackendError as error:
             reason = str(error)
         else:
             return settings

@@ -262,7 +262,7 @@ def open_backend(name: str) -> Backend:
         return VulkanBackend()
     backend = OpenCLBackend()
     if name == "opencl-scalar":
-        backend.width = 1
+        backend.settle({"widths": {}})
     return backend
 
 

@@ -272,6 +272,13 @@ def test_a_driver_that_ends_the_process_ends_another_one(opencl, monkeypatch, tm
         proof.ask("prove", opencl, opencl.candidates()[0])
 
 
+def test_in_a_frozen_program_the_device_is_tried_in_the_process_itself(forgotten, monkeypatch):
+    monkeypatch.setattr(sys, "frozen", True, raising=False)
+    monkeypatch.setattr(proof, "ask", None)
+    assert open_backend("opencl").info.backend == "opencl"
+    assert len(list((forgotten / "devices").iterdir())) == 1
+
+
 def test_settings_without_vectors_give_the_same_image_within_rounding(opencl, monkeypatch):
     narrow = OpenCLBackend()
     narrow.settle({"widths": dict.fromkeys(opencl_module.FILES, 1)})
