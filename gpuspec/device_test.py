@@ -33,7 +33,7 @@ STATION: dict[str, Any] = {
     "populations": [{"kind": "dent", "count": 40, "diameter_mm": [0.4, 1.0], "depth_um": [1, 10]}],
 }
 _DESIGNS = 8
-_SECONDS = 1.5  # after which a row is not timed again
+_SECONDS = 0.7  # after which a row is not timed again
 _TIMES = 7
 
 

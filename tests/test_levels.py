@@ -130,7 +130,7 @@ def test_p1_p2_and_defects_hit_at_all_thresholds_are_those_of_segmenting_and_sco
 def scalar(memory_bytes: int | None = None) -> OpenCLBackend:
     """The kernels as a GPU runs them: a pixel per work-item, counters in local memory."""
     engine = OpenCLBackend(memory_bytes=memory_bytes)
-    engine.width = 1
+    engine.settle({"widths": {}})
     return engine
 
 

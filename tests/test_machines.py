@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import os
 import re
+import resource
 import shutil
 import subprocess
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,7 +20,8 @@ from gpuspec.devices import BACKENDS
 
 CHECKOUT = Path(__file__).resolve().parents[1]
 NUMPY_SECONDS = 12.0
-"""The demo without any driver, on two cores; 4.8 s measured on the fastest machine there was."""
+"""Of one core, of the demo without any driver; 5.0 measured. Time by the clock depends on whatever
+else the machine does, and is not more than this."""
 
 
 def readme_command() -> str:
@@ -115,13 +116,14 @@ def test_without_write_access_to_the_cache_it_runs_as_fast_and_says_nothing(fres
     assert {"gpuspec", "pocl", "matplotlib"} <= {path.name for path in kept.iterdir()}
 
 
-def test_without_any_driver_numpy_runs_the_demo_in_good_time(fresh):
+def test_without_any_driver_numpy_runs_the_demo_in_few_seconds(fresh):
     fresh.run("pip uninstall -q -y pocl-binary-distribution && mv $(find .venv -name pocl.icd) .")
     nothing = {name: "/nonexistent" for name in ("OCL_ICD_VENDORS", "VK_DRIVER_FILES",
                "VK_ICD_FILENAMES")}  # fmt: skip
-    start = time.perf_counter()
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     done = fresh.run("gpuspec demo", **nothing)
-    seconds = time.perf_counter() - start
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     assert done.returncode == 0, done.stderr
     assert fresh.score()["backend"] == "numpy"
     lines = done.stderr.splitlines()
