@@ -21,6 +21,7 @@ from gpuspec.sweeps.optimise_command import optimise
 from gpuspec.terminal import (
     BackendOption,
     DeviceOption,
+    ForceOption,
     FramesOption,
     OutputOption,
     PicturesOption,
@@ -28,6 +29,7 @@ from gpuspec.terminal import (
     StationArgument,
     changed,
     console,
+    folder,
     progress,
     show_warnings_as_notes,
 )
@@ -55,11 +57,12 @@ def simulate(
     frames: FramesOption = False,
     pictures: PicturesOption = True,
     change: SetOption = None,
+    force: ForceOption = False,
 ) -> None:
     """Simulate a station: trace, aspect image, segmentation, score, pictures."""
     from gpuspec.station import Station
 
-    _run(changed(Station.read(station), change), output, backend, device, frames, pictures)
+    _run(changed(Station.read(station), change), output, backend, device, frames, pictures, force)
 
 
 @app.command()
@@ -71,11 +74,12 @@ def demo(
     frames: FramesOption = False,
     pictures: PicturesOption = True,
     change: SetOption = None,
+    force: ForceOption = False,
 ) -> None:
     """Simulate a station that comes with gpuspec."""
     from gpuspec.stationfile import example
 
-    _run(changed(example(name), change), output, backend, device, frames, pictures)
+    _run(changed(example(name), change), output, backend, device, frames, pictures, force)
 
 
 @app.command()
@@ -84,7 +88,16 @@ def prototype(
     pattern: Annotated[
         str, typer.Option("--pattern", help="GLSL file, or the name of a shipped pattern.")
     ],
-    output: OutputOption = Path("prototype"),
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            parser=folder,
+            metavar="FOLDER",
+            help="For the results. Not given: prototype, or watch with --watch.",
+        ),
+    ] = None,
     backend: Annotated[
         str, typer.Option("--backend", help="opengl or vulkan; auto takes the first that opens.")
     ] = "auto",
@@ -97,25 +110,26 @@ def prototype(
         float, typer.Option("--limit", help="Longest a pattern may run, in seconds.", min=0.1)
     ] = 20.0,
     change: SetOption = None,
+    force: ForceOption = False,
 ) -> None:
     """Try a light of your own: its images, aspect image, segmentation and score at once."""
     from gpuspec.patterns import Pattern
-    from gpuspec.prototype import bench, watch
-    from gpuspec.report import output_folder
+    from gpuspec.prototype import bench, planned, watch
     from gpuspec.station import Station
 
     described = changed(Station.read(station), change)
+    where = output or Path("watch" if watching else "prototype")
+    plan = planned(described, where, Path(pattern), frames, glance=watching, force=force)
 
     def render() -> None:
         light = Pattern.read(pattern)
-        with output_folder(output) as partial:
-            rendered = made.render(light, partial, glance=watching, frames=frames)
+        rendered = made.written(light, plan)
         score = rendered.summary["score"]
         p2 = "undefined" if score["p2"] is None else f"{score['p2']:.3f}"
         print(
             f"{light.file}: P1 {score['p1']:.3f}, P2 {p2}, {score['defects_hit']} of "
             f"{score['defects']} defects hit, {score['false_blobs']} false blobs; "
-            f"{rendered.seconds:.2f} s, results in {output}"
+            f"{rendered.seconds:.2f} s, results in {where}"
         )
         if rendered.faulty:
             print(
@@ -151,7 +165,8 @@ def init(
 ) -> None:
     """Write a station file to start from, every key explained."""
     from gpuspec.errors import OutputError
-    from gpuspec.stationfile import example, to_toml, write_new
+    from gpuspec.files import write_new
+    from gpuspec.stationfile import example, to_toml
 
     if path.name in ("", ".."):
         raise OutputError(f"{path} is a folder; name a file in it, e.g. {path / 'station.toml'}.")
@@ -187,12 +202,14 @@ def _options(
 
 
 def _run(
-    station: Station, output: Path, backend: str, device: str | None, frames: bool, pictures: bool
-) -> None:
+    station: Station, output: Path, backend: str, device: str | None, frames: bool, pictures: bool,
+    force: bool,
+) -> None:  # fmt: skip
     from gpuspec.inspection import simulate
-    from gpuspec.report import output_folder, write_files
+    from gpuspec.report import outputs, write_files
 
-    with output_folder(output) as partial, progress() as tell:
+    results = outputs(station, output, frames=frames, force=force)
+    with results.writing() as partial, progress() as tell:
         result = simulate(station, backend, device, tell)
         write_files(result, partial, frames=frames, pictures=pictures, progress=tell)
     _summarise(result, output, backend == "auto")

@@ -5,13 +5,14 @@ from __future__ import annotations
 import multiprocessing
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gpuspec.errors import GpuspecError, PatternError
+from gpuspec.errors import GpuspecError, OutputError, PatternError
+from gpuspec.files import Outputs, Space, check_together
 from gpuspec.patterns import Pattern
 from gpuspec.station import Station
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from gpuspec.inspection import Result
 
 POLL_S = 0.05
+_GIF = ".gif"
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,91 @@ class Rendered:
     summary: dict[str, Any]
     faulty: float
     seconds: float
+
+
+@dataclass(frozen=True)
+class Planned:
+    """Where a pattern's files go.
+
+    Attributes
+    ----------
+    results : Outputs
+    sequence : Outputs or None
+        Of a GIF, or of the images as PNG.
+    glance : bool
+        Score and detection alone, in well under a second; else every file.
+    """
+
+    results: Outputs
+    sequence: Outputs | None
+    glance: bool
+
+    @property
+    def animation(self) -> bool:
+        """Whether the sequence is a GIF."""
+        return self.sequence is not None and self.sequence.names[0].lower().endswith(_GIF)
+
+
+def planned(
+    station: Station,
+    folder: Path,
+    pattern: Path,
+    frames: str = "",
+    *,
+    glance: bool = False,
+    force: bool = False,
+) -> Planned:
+    """Plan where a pattern's files go, and check it before any work.
+
+    Parameters
+    ----------
+    station : Station
+    folder : Path
+        For score, images and pictures. A glance never replaces those of a whole run.
+    pattern : Path
+        The pattern's file, or the name of a shipped one.
+    frames : str
+        A ``.gif`` to write the sequence to, or a folder for its images as PNG; "": neither.
+    glance : bool
+        See :class:`Planned`.
+    force : bool
+        Whether files are replaced that are not known to be of an earlier run.
+
+    Raises
+    ------
+    OutputError
+        If something is in the way or cannot be written, or `frames` is neither.
+    """
+    from gpuspec.report import GLANCE, outputs
+
+    results = outputs(station, folder, force=force, also_read=(pattern,))
+    if glance:
+        results = replace(results, kind="glance", names=GLANCE, over=(), space=None)
+    sequence = _sequence(station, Path(frames), results) if frames else None
+    check_together(results, *filter(None, (sequence,)))
+    return Planned(results, sequence, glance)
+
+
+def _sequence(station: Station, path: Path, results: Outputs) -> Outputs:
+    rows, columns = station.shape
+    images = station.sequence.images
+    if path.suffix.lower() == _GIF:
+        return replace(
+            results, folder=path.parent, kind=f"sequence {path.name}", names=(path.name,),
+            over=(), space=None,
+        )  # fmt: skip
+    if path.suffix and not path.is_dir():
+        raise OutputError(
+            f"--frames {path}: the sequence is written as a {_GIF}, or as PNGs into a "
+            f"folder; write a folder's name without an ending."
+        )
+    size = rows * columns * images
+    what = f"{images:,} images of {columns:,} x {rows:,} pixels"
+    return replace(
+        results, folder=path, kind="sequence", over=(),
+        names=tuple(_image_name(k) for k in range(images)),
+        space=Space(size, what, "take a .gif, or set fewer sequence.images"),
+    )  # fmt: skip
 
 
 class Bench:
@@ -63,7 +150,26 @@ class Bench:
         self._process: multiprocessing.process.BaseProcess | None = None
         self._pipe: Connection | None = None
 
-    def render(self, pattern: Pattern, folder: Path, *, glance: bool, frames: str) -> Rendered:
+    def written(self, pattern: Pattern, plan: Planned) -> Rendered:
+        """Run a pattern and write its files where they are planned; errors as :meth:`render`.
+
+        Raises
+        ------
+        OutputError
+            If they cannot be written, or something is in the way.
+        """
+        with ExitStack() as stack:
+            folder = stack.enter_context(plan.results.writing())
+            frames = None
+            if plan.sequence:
+                frames = stack.enter_context(plan.sequence.writing())
+                if plan.animation:
+                    frames /= plan.sequence.names[0]
+            return self.render(pattern, folder, glance=plan.glance, frames=frames)
+
+    def render(
+        self, pattern: Pattern, folder: Path, *, glance: bool, frames: Path | None = None
+    ) -> Rendered:
         """Run a pattern and write its files into an existing folder.
 
         Parameters
@@ -72,8 +178,8 @@ class Bench:
         folder : Path
         glance : bool
             Score and detection alone, in well under a second; else every file.
-        frames : str
-            A ``.gif`` to write the sequence to, or a folder for its images as PNG; "": neither.
+        frames : Path, optional
+            A ``.gif`` to write the sequence to, or an existing folder for its images as PNG.
 
         Raises
         ------
@@ -83,7 +189,7 @@ class Bench:
             If the station or the backend cannot be used.
         """
         pipe = self._worker()
-        pipe.send((pattern, str(folder), glance, frames))
+        pipe.send((pattern, folder, glance, frames))
         answer = self._answer(pipe, f"{pattern.file} ran for more than {self.limit_s:g} s and was "
                                     f"stopped; does it loop for ever?")  # fmt: skip
         if isinstance(answer, Rendered):
@@ -188,11 +294,11 @@ def _work(
             faulty = light_map.faulty()
             result = traced.result(light_map)
             if glance:
-                write_glance(result, Path(target))
+                write_glance(result, target)
             else:
-                write_files(result, Path(target), frames=False, pictures=True)
-            if frames:
-                _write_sequence(result, Path(frames))
+                write_files(result, target, frames=False, pictures=True)
+            if frames is not None:
+                _write_sequence(result, frames)
             pipe.send(Rendered(summary(result), faulty, time.perf_counter() - start))
         except GpuspecError as error:
             pipe.send(error)
@@ -201,12 +307,13 @@ def _work(
 def _write_sequence(result: Result, path: Path) -> None:
     """Write the sequence to look at: an animation, or a PNG for each image."""
     from gpuspec import figures
-    from gpuspec.report import output_folder
 
     if path.suffix.lower() == ".gif":
-        with output_folder(path.parent, ()) as partial:
-            figures.sequence_animation(result, partial / path.name)
+        figures.sequence_animation(result, path)
         return
-    with output_folder(path, ()) as partial:
-        for k in range(result.station.sequence.images):
-            figures.write_image(result, k, partial / f"image_{k:04d}.png")
+    for k in range(result.station.sequence.images):
+        figures.write_image(result, k, path / _image_name(k))
+
+
+def _image_name(k: int) -> str:
+    return f"image_{k:04d}.png"

@@ -1,16 +1,11 @@
-"""What a run leaves behind: images, tables, score and pictures, each whole or not at all."""
+"""What a run leaves behind: images, tables, score, pictures, and all that it was made from."""
 
 from __future__ import annotations
 
 import csv
-import glob
 import json
-import os
-import platform
-import shutil
-import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec import __version__
-from gpuspec.errors import OutputError
+from gpuspec.files import Outputs, Space, folder_of
 from gpuspec.inspection import Result
-from gpuspec.stationfile import to_toml
+from gpuspec.station import Station
+from gpuspec.stationfile import copies, keep
 
 FILES = (
     "aspect.tif", "frames.tif", "labels.tif", "truth.tif", "blobs.csv", "defects.csv",
@@ -29,81 +25,60 @@ FILES = (
 )  # fmt: skip
 """What `simulate` writes."""
 PATTERN = "pattern.glsl"  # beside them, of a prototype
+_LABELS_BYTES = 1  # a pixel, of both label images, compressed: at the most, about
+_PAGE_BYTES = 700  # of a TIFF's page beside its pixels
 
-# Of hidden folders; a process number tells nothing about another machine on a shared disk.
-_PREFIX = f".gpuspec-{platform.node() or 'local'}-"
+GLANCE = ("score.json", "detection.png")
+"""What `prototype --watch` writes."""
 
 
-@contextmanager
-def output_folder(folder: Path, replaces: tuple[str, ...] = (*FILES, PATTERN)) -> Iterator[Path]:
-    """Give a hidden folder to write in; on success its files move to `folder`, else it vanishes.
+def outputs(
+    station: Station,
+    folder: str | Path,
+    *,
+    frames: bool = False,
+    force: bool = False,
+    also_read: tuple[Path, ...] = (),
+) -> Outputs:
+    """Return what a run will write, to be checked before it and written after it.
 
-    Files of an earlier run (`replaces`) that this one did not write are removed with the move, so
-    that a folder never mixes two runs. What a killed run left hidden is removed by the next one
-    beside it.
-
-    Raises
-    ------
-    OutputError
-        If the folder cannot be made or written, or the disk is full.
+    Parameters
+    ----------
+    station : Station
+    folder : str or Path
+    frames : bool
+        Whether every image of the sequence is written, too.
+    force : bool
+        Whether files are replaced that are not known to be an earlier run's.
+    also_read : tuple of Path
+        Files that are never replaced, beside the station's own.
     """
-    folder = Path(folder)
-    partial: Path | None = None
-    try:
-        above = next(
-            p for p in (folder.absolute(), *folder.absolute().parents) if os.path.lexists(p)
-        )
-        if not above.is_dir():
-            raise OutputError(f"{above} is a file; choose another folder with -o.")
-        for name in replaces:
-            if (folder / name).is_dir():
-                raise OutputError(f"{folder / name} is a folder; choose another folder with -o.")
-        _remove_left_behind(above)
-        partial = Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{os.getpid()}-", dir=above))
-        partial.chmod(0o755)
-        yield partial
-        folder.mkdir(parents=True, exist_ok=True)
-        written = {path.name for path in partial.iterdir()}
-        try:
-            _move(partial, folder, set(replaces) - written)
-        except OSError:
-            raise
-        except BaseException:  # Ctrl-C: the whole run is there, so finish what takes no time
-            _move(partial, folder, set(replaces) - written)
-            raise
-    except OSError as error:
-        # NumPy reports a short write without its reason.
-        reason = error.strerror or f"the disk may be full ({error})"
-        raise OutputError(
-            f"results cannot be written to {folder}: {reason}. Free some space or choose another "
-            f"folder with -o; nothing half-written was left."
-        ) from None
-    finally:
-        if partial is not None:
-            shutil.rmtree(partial, ignore_errors=True)
+    names = (*FILES, PATTERN, *copies(station, "station").values())
+    read = (*station.inputs, *also_read)
+    space = _space(station, frames=frames)
+    return Outputs(
+        folder_of(folder), "run", names, read, force=force, over=("glance",), space=space
+    )
 
 
-def _move(partial: Path, folder: Path, stale: set[str]) -> None:
-    for path in sorted(partial.iterdir()):
-        path.replace(folder / path.name)
-    for name in stale:
-        (folder / name).unlink(missing_ok=True)
+def _space(station: Station, *, frames: bool) -> Space:
+    rows, columns = station.shape
+    pixels = rows * columns
+    size = pixels * (4 + _LABELS_BYTES) + sum(
+        path.stat().st_size for path in map(station.locate, station.files) if path.is_file()
+    )
+    images = station.sequence.images
+    if not frames:
+        what = f"images of {columns:,} x {rows:,} pixels"
+        return Space(size, what, "set smaller camera.columns and camera.rows")
+    size += images * (pixels * np.dtype(_grey(station)).itemsize + _PAGE_BYTES)
+    what = f"{images:,} images of {columns:,} x {rows:,} pixels"
+    return Space(size, what, "leave --frames out, or set fewer sequence.images")
 
 
-def _remove_left_behind(above: Path) -> None:
-    """Remove the hidden folders of this machine's runs that were killed: their process is gone."""
-    if os.name != "posix":  # there, signal 0 would end the process it asks about
-        return
-    for left in above.glob(f"{glob.escape(_PREFIX)}*-*"):
-        number = left.name.removeprefix(_PREFIX).partition("-")[0]
-        if not number.isdecimal():
-            continue
-        try:
-            os.kill(int(number), 0)
-        except ProcessLookupError:
-            shutil.rmtree(left, ignore_errors=True)
-        except (OSError, OverflowError):
-            continue
+def _grey(station: Station) -> type[np.uint8 | np.uint16]:
+    """Return the kind of number that holds a station's grey levels."""
+    return np.uint8 if station.sensor.bit_depth == 8 else np.uint16
 
 
 def write(
@@ -112,6 +87,7 @@ def write(
     *,
     frames: bool = False,
     pictures: bool = True,
+    force: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> None:
     """Write a run's files into a folder.
@@ -120,20 +96,24 @@ def write(
     ----------
     result : Result
     folder : str or Path
-        Made if missing. Files of an earlier run in it are replaced.
+        Made if missing. Files of an earlier run in it are replaced, and no others.
     frames : bool
         Whether to write every image of the sequence, too.
     pictures : bool
         Whether to draw the pictures.
+    force : bool
+        Whether files of the same names are replaced that are not known to be an earlier run's;
+        what the run was made from never is.
     progress : callable, optional
         Told what is being written.
 
     Raises
     ------
     OutputError
-        If the folder cannot be written or the disk is full; nothing is left half-written.
+        If a file is in the way, the folder cannot be written or the disk is full; nothing is left
+        half-written.
     """
-    with output_folder(Path(folder)) as partial:
+    with outputs(result.station, folder, frames=frames, force=force).writing() as partial:
         write_files(result, partial, frames=frames, pictures=pictures, progress=progress)
 
 
@@ -163,7 +143,7 @@ def write_files(
         result.blobs.write_csv(file, result.classes.tolist())
     _write_defects(folder / "defects.csv", result)
     (folder / "score.json").write_text(json.dumps(summary(result), indent=2) + "\n", "utf-8")
-    (folder / "station.toml").write_text(to_toml(result.station, absolute=True), "utf-8")
+    keep(result.station, folder / "station.toml")
     pattern = result.light_map.pattern
     if pattern:
         (folder / PATTERN).write_text(pattern.text, "utf-8")
@@ -228,12 +208,16 @@ def _write_frames(path: Path, result: Result, tell: Callable[[str], None]) -> No
     import tifffile
 
     station = result.station
-    dtype = np.uint8 if station.sensor.bit_depth == 8 else np.uint16
+    dtype = _grey(station)
     rows, columns = station.shape
-    size = rows * columns * np.dtype(dtype).itemsize * station.sequence.images
+    images = station.sequence.images
+    size = rows * columns * np.dtype(dtype).itemsize * images
+    began = time.monotonic()
     with tifffile.TiffWriter(path, bigtiff=size > 2**31) as file:
-        for k in range(station.sequence.images):
-            tell(f"writing image {k + 1} of {station.sequence.images}")
+        for k in range(images):
+            left = (images - k) * (time.monotonic() - began) / k if k else 0.0
+            tell(f"writing image {k + 1:,} of {images:,}, about {left / 60:.0f} min left"
+                 if left > 60 else f"writing image {k + 1:,} of {images:,}")  # fmt: skip
             grey = np.rint(result.light_map.image(k)).astype(dtype)
             file.write(grey, contiguous=False, **_tags(result))
 

@@ -227,6 +227,7 @@ class Station(Section):
 
     _folder: Path = PrivateAttr(default_factory=Path.cwd)
     _file: str = PrivateAttr(default="station")
+    _source: Path | None = PrivateAttr(default=None)
 
     @classmethod
     def read(cls, path: str | Path) -> Station:
@@ -255,7 +256,9 @@ class Station(Section):
             ) from None
         except (OSError, UnicodeDecodeError) as error:
             raise StationError(f"{path}: cannot be read as UTF-8 text ({error}).") from None
-        return cls.parse(text, path.name, path.resolve().parent)
+        station = cls.parse(text, path.name, path.resolve().parent)
+        station._source = path.absolute()
+        return station
 
     @classmethod
     def parse(cls, text: str, file: str = "station", folder: str | Path = ".") -> Station:
@@ -322,7 +325,9 @@ class Station(Section):
                 target.pop(key, None)
             else:
                 target[key] = value
-        return type(self).from_dict(data, self._file, self._folder)
+        changed = type(self).from_dict(data, self._file, self._folder)
+        changed._source = self._source
+        return changed
 
     def _inside(self, target: Any, place: str | int, path: str) -> Any:
         """Return what stands at a place of nested tables and lists; a missing table is made."""
@@ -355,6 +360,19 @@ class Station(Section):
     def file(self) -> str:
         """Name of the file it was read from, for messages."""
         return self._file
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Files named in it, as they are named, each once: topographies and their zones."""
+        named = (self.part.relief, *self.defects)
+        names = (getattr(one, key, None) for one in named for key in ("file", "zone_file"))
+        return tuple(sorted({name for name in names if name}))
+
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        """Every file that it was made from: its own, if it was read from one, and those named."""
+        own = (self._source,) if self._source else ()
+        return (*own, *map(self.locate, self.files))
 
     @cached_property
     def shape(self) -> tuple[int, int]:

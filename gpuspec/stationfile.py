@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import tempfile
+import shutil
 import types
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any, Union, get_args, get_origin
@@ -13,7 +14,7 @@ from pydantic import BaseModel
 from tomlkit.items import Table
 
 from gpuspec.defects import Distribution
-from gpuspec.errors import OutputError, StationError
+from gpuspec.errors import StationError
 from gpuspec.station import Station
 
 
@@ -34,7 +35,8 @@ def to_toml(station: Station, *, comments: bool = True, absolute: bool = False) 
         ``Station.parse`` of it gives the station back.
     """
     if absolute:
-        station = _anchored(station)
+        anchored = {name: station.locate(name).resolve().as_posix() for name in station.files}
+        station = _relocated(station, anchored)
     document = tomlkit.document()
     for name in type(station).model_fields:
         value = getattr(station, name)
@@ -75,13 +77,59 @@ def _table(section: BaseModel, comments: bool) -> Table:
     return table
 
 
-def _anchored(station: Station) -> Station:
-    """Return the station with absolute paths."""
+def copies(station: Station, stem: str) -> dict[str, str]:
+    """Return where :func:`keep` puts the files that a station names, relative to its folder.
+
+    Parameters
+    ----------
+    station : Station
+    stem : str
+        Name of the kept station file without its ending.
+    """
+    places: dict[str, str] = {}
+    for number, name in enumerate(station.files, 1):
+        place = f"{stem}_files/{Path(name).name}"
+        if place.casefold() in map(str.casefold, places.values()):
+            place = f"{stem}_files/{number}_{Path(name).name}"
+        places[name] = place
+    return places
+
+
+def keep(station: Station, path: Path) -> None:
+    """Write a station with a copy of every file it names, so that it runs wherever it is moved.
+
+    Parameters
+    ----------
+    station : Station
+    path : Path
+        The station file, in an existing folder; the copies stand in a folder beside it. A file
+        that is no longer there is named by its absolute path.
+
+    Raises
+    ------
+    OSError
+        If the disk is full.
+    """
+    places = copies(station, path.stem)
+    for name, place in places.items():
+        source = station.locate(name)
+        if source.is_file():
+            (path.parent / place).parent.mkdir(exist_ok=True)
+            shutil.copyfile(source, path.parent / place)
+        else:
+            places[name] = source.resolve().as_posix()
+    path.write_text(to_toml(_relocated(station, places)), "utf-8")
+
+
+def _relocated(station: Station, places: Mapping[str, str]) -> Station:
+    """Return the station with other paths of the files that it names."""
+    if not places:
+        return station
     data = station.as_dict()
     for table in (data["part"].get("relief"), *data["defects"]):
         for key in ("file", "zone_file"):
             if table and key in table:
-                table[key] = station.locate(table[key]).resolve().as_posix()
+                table[key] = places[table[key]]
     return Station.from_dict(data, station.file)
 
 
@@ -128,33 +176,3 @@ def example_text(name: str) -> str:
     if name not in examples():
         raise StationError(f"there is no example {name!r}; choose one of {', '.join(examples())}.")
     return (resources.files("gpuspec") / "examples" / f"{name}.toml").read_text(encoding="utf-8")
-
-
-def write_new(path: Path, text: str, *, force: bool = False) -> None:
-    """Write a new text file whole; keep an existing one unless forced.
-
-    Raises
-    ------
-    OutputError
-        If it exists, or cannot be written.
-    """
-    partial: Path | None = None
-    try:
-        if path.exists() and not force:
-            raise OutputError(
-                f"{path} exists already; choose another name, or --force to replace it."
-            )
-        with tempfile.NamedTemporaryFile(
-            "w", prefix=".gpuspec-", dir=path.parent, delete=False, encoding="utf-8"
-        ) as file:
-            partial = Path(file.name)
-            file.write(text)
-        partial.chmod(0o644)
-        partial.replace(path)
-    except OSError as error:
-        raise OutputError(
-            f"{path} cannot be written: {error.strerror or error}; choose another place."
-        ) from None
-    finally:
-        if partial is not None:
-            partial.unlink(missing_ok=True)

@@ -24,7 +24,23 @@ BackendOption = Annotated[
 DeviceOption = Annotated[
     str | None, typer.Option("--device", help="Part of a device's name, or its number.")
 ]
-OutputOption = Annotated[Path, typer.Option("-o", "--output", help="Folder for the results.")]
+
+
+def folder(given: str | Path) -> Path:
+    """Return a folder for results as it was named; an empty name is an error."""
+    from gpuspec.files import folder_of
+
+    return folder_of(given)
+
+
+OutputOption = Annotated[
+    Path,
+    typer.Option("-o", "--output", parser=folder, metavar="FOLDER", help="For the results."),
+]
+ForceOption = Annotated[
+    bool,
+    typer.Option("--force", help="Replace files that are not known to be an earlier run's, too."),
+]
 FramesOption = Annotated[bool, typer.Option("--frames", help="Write every image of the sequence.")]
 PicturesOption = Annotated[bool, typer.Option("--pictures/--no-pictures", help="Draw pictures.")]
 SetOption = Annotated[

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from gpuspec.files import MANIFEST, Outputs
+
 STATION = """
 [part]
 length_mm = 12.0
@@ -54,8 +56,20 @@ def content(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
+def names(folder: Path) -> set[str]:
+    """What a command left to look at: without the manifest."""
+    return {path.name for path in folder.iterdir()} - {MANIFEST}
+
+
 def hidden(folder: Path) -> list[Path]:
     return list(folder.rglob(".gpuspec-*"))
+
+
+def earlier_run(folder: Path, files: tuple[str, ...]) -> None:
+    """Leave a folder as a run does, with words in place of images."""
+    with Outputs(folder, "run", files).writing() as partial:
+        for name in files:
+            (partial / name).write_text(f"earlier {name}", encoding="utf-8")
 
 
 def said(ran: Ran) -> str:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 import tifffile
-from commandline import PROGRAM, STATION, content, hidden, program, said
+from commandline import PROGRAM, STATION, content, earlier_run, hidden, names, program, said
 
 import gpuspec
 from gpuspec import cli, inspection, opencl, sources
@@ -43,7 +43,7 @@ GROUPS = ("study",)
 def test_simulate_writes_every_file_and_says_how_well_it_did(folder):
     ran = program("simulate", "s.toml", "--frames", cwd=folder)
     assert (ran.code, ran.err) == (0, "")
-    assert {path.name for path in (folder / "run").iterdir()} == set(FILES)
+    assert names(folder / "run") == set(FILES)
     assert {path.name for path in folder.iterdir()} == {"s.toml", "run"}
     for words in ("s.toml: 120 x 60 pixels", "P1", "P2", "1 of 1", "opencl on", "results in run"):
         assert words in ran.out
@@ -61,7 +61,7 @@ def test_demo_simulates_an_example(gpuspec_):
     ran = gpuspec_("demo", "--set", "camera.sampling_mm=0.5", "--no-pictures", "-o", "out")
     assert ran.code == 0
     assert "trim.toml: 400 x 100 pixels" in ran.out
-    assert {path.suffix for path in Path("out").iterdir()} == {".tif", ".csv", ".json", ".toml"}
+    assert {Path(name).suffix for name in names(Path("out"))} == {".tif", ".csv", ".json", ".toml"}
 
 
 def test_help_lists_every_command(gpuspec_):
@@ -284,7 +284,7 @@ def test_names_are_taken_and_shown_as_they_are(gpuspec_, name):
     assert ran.code == 0
     assert f"{station}: 120 x 60 pixels" in ran.out
     assert f"results in {output}\n" in ran.out
-    assert {path.name for path in output.iterdir()} == set(FILES) - {"frames.tif"}
+    assert names(output) == set(FILES) - {"frames.tif"}
 
 
 def test_a_class_may_have_any_name(gpuspec_):
@@ -373,9 +373,7 @@ def test_a_device_that_fails_is_said_in_a_sentence(gpuspec_, monkeypatch):
 @pytest.mark.parametrize(("largest", "backend"), [(4_000, "numpy"), (60_000, "numpy")])
 def test_a_full_disk_leaves_an_earlier_run_whole(folder, largest, backend):
     # A process may write no file larger than this; below, tables fail; above, pictures do.
-    (folder / "run").mkdir()
-    for name in FILES:
-        (folder / "run" / name).write_text(f"earlier {name}", encoding="utf-8")
+    earlier_run(folder / "run", FILES)
     before = content(folder)
 
     def limited() -> None:
@@ -391,9 +389,7 @@ def test_a_full_disk_leaves_an_earlier_run_whole(folder, largest, backend):
 @pytest.fixture
 def long_run(folder: Path) -> Iterator[Callable[[str], subprocess.Popen[str]]]:
     """Start a run that would write for minutes; returned once it has begun to."""
-    (folder / "run").mkdir()
-    for name in FILES:
-        (folder / "run" / name).write_text(f"earlier {name}", encoding="utf-8")
+    earlier_run(folder / "run", FILES)
     started = []
 
     def heed() -> None:
@@ -403,7 +399,7 @@ def long_run(folder: Path) -> Iterator[Callable[[str], subprocess.Popen[str]]]:
     def start(backend: str) -> subprocess.Popen[str]:
         process = subprocess.Popen(
             [*PROGRAM, "simulate", "s.toml", "--frames", "--backend", backend,
-             "--set", "sequence.images=100000", "--set", "camera.sampling_mm=0.02"],
+             "--set", "sequence.images=20000", "--set", "camera.sampling_mm=0.02"],
             cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
             preexec_fn=heed,
         )  # fmt: skip

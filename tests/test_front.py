@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commandline import STATION, Command, hidden, said
+from commandline import STATION, Command, hidden, names, said
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
@@ -274,7 +274,7 @@ def test_front_writes_what_it_chose_and_simulate_reproduces_it(
     assert f"{chosen['p1']:.4f}" in out
     assert content["fulfilled"]
     assert content["backend"] == "opencl"
-    assert {path.name for path in Path("out").iterdir()} == CHOSEN_FILES | PICTURES
+    assert names(Path("out")) == CHOSEN_FILES | PICTURES
     assert not hidden(Path())
     for name in PICTURES:
         with Image.open(Path("out", name)) as picture:
@@ -291,7 +291,7 @@ def test_front_writes_what_it_chose_and_simulate_reproduces_it(
 
 def test_front_writes_the_whole_front(gpuspec_: Command, swept: dict[str, RunFolder]) -> None:
     _, content = front_of(gpuspec_, swept["screened"], "--no-pictures")
-    assert {path.name for path in Path("out").iterdir()} == CHOSEN_FILES
+    assert names(Path("out")) == CHOSEN_FILES
     with Path("out/front.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     front = Front()
@@ -318,7 +318,7 @@ def test_front_draws_whatever_was_swept(
     gpuspec_: Command, swept: dict[str, RunFolder], name: str
 ) -> None:
     out, _ = front_of(gpuspec_, swept[name])
-    drawn = {path.name for path in Path("out").iterdir()} & PICTURES
+    drawn = names(Path("out")) & PICTURES
     assert drawn == (PICTURES - {"maps.png"} if name in ("single", "axis") else PICTURES)
     assert ("no valid station" in out) == (name == "invalid")
     assert ("a station file holds the first part" in out) == (name == "parts")

@@ -6,7 +6,6 @@ import subprocess
 import sys
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -165,14 +164,14 @@ LOOP = "float x = light; while (x < 1e9) { x = sin(x + shift); } return x;"
 def test_a_pattern_that_loops_for_ever_is_stopped_and_the_next_one_runs(tmp_path, backend):
     station = Station.parse(STATION)
     with prototype.bench(station, backend, None, limit_s=30.0) as bench:
-        rendered = bench.render(Pattern.read("binary"), tmp_path, glance=True, frames="")
+        rendered = bench.render(Pattern.read("binary"), tmp_path, glance=True)
         assert rendered.summary["score"]["defects_hit"] == 1
         assert (tmp_path / "detection.png").read_bytes().startswith(b"\x89PNG")
         bench.limit_s = 2.0
         with pytest.raises(PatternError, match="loop for ever"):
-            bench.render(pattern(LOOP), tmp_path, glance=True, frames="")
+            bench.render(pattern(LOOP), tmp_path, glance=True)
         bench.limit_s = 30.0
-        again = bench.render(Pattern.read("binary"), tmp_path, glance=True, frames="")
+        again = bench.render(Pattern.read("binary"), tmp_path, glance=True)
         assert again.summary == rendered.summary
 
 
@@ -229,9 +228,10 @@ def test_the_command_writes_pictures_sequence_and_score(tmp_path):
 
 def test_images_for_a_look_are_written_as_pngs(tmp_path):
     station = Station.parse(STATION).replace(sequence__images=3)
-    frames = Path(tmp_path / "frames")
+    frames = tmp_path / "frames"
+    frames.mkdir()
     with prototype.bench(station, "opengl", None, 30.0) as bench:
-        bench.render(Pattern.read("checkerboard"), tmp_path, glance=True, frames=str(frames))
+        bench.render(Pattern.read("checkerboard"), tmp_path, glance=True, frames=frames)
     assert sorted(path.name for path in frames.iterdir()) == [
         "image_0000.png", "image_0001.png", "image_0002.png",
     ]  # fmt: skip

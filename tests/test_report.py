@@ -11,18 +11,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
+from commandline import names
 from PIL import Image
 from test_topography import polished, write_sur
 
 import gpuspec
-from gpuspec import figures, report
+from gpuspec import figures, files, report
 from gpuspec.errors import OutputError
+from gpuspec.files import MANIFEST, Outputs, digest
 from gpuspec.inspection import Result, simulate
 from gpuspec.opencl import OpenCLBackend
 from gpuspec.reference import NumpyBackend
-from gpuspec.report import FILES, output_folder, summary, write
+from gpuspec.report import FILES, summary, write
 from gpuspec.station import Station
-from gpuspec.stationfile import to_toml
+from gpuspec.stationfile import keep, to_toml
 
 STATION = {
     "part": {"length_mm": 12.0, "width_mm": 6.0},
@@ -58,7 +60,7 @@ def written(result: Result, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def content(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.iterdir()}
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
 
 
 def table(path: Path) -> list[dict[str, str]]:
@@ -67,11 +69,15 @@ def table(path: Path) -> list[dict[str, str]]:
 
 
 def hidden(folder: Path) -> list[Path]:
-    return [path for path in folder.rglob("*") if path.name.startswith(".gpuspec")]
+    return [path for path in folder.rglob("*") if path.name.startswith(".gpuspec-")]
+
+
+def outputs(folder: Path) -> Outputs:
+    return Outputs(folder, "run", FILES)
 
 
 def test_every_promised_file_is_written_and_no_other(written):
-    assert {path.name for path in written.iterdir()} == set(FILES)
+    assert names(written) == set(FILES)
     assert set(FILES) == TABLES | {"frames.tif"} | set(figures.PICTURES)
     assert not hidden(written.parent)
 
@@ -185,7 +191,7 @@ def test_the_station_is_kept_with_every_default(result, written):
     assert "roughness_rad = 0.0" in (written / "station.toml").read_text("utf-8")
 
 
-def test_a_kept_station_finds_its_topography_from_any_folder(tmp_path, monkeypatch):
+def test_a_moved_run_runs_again_without_what_it_was_made_from(tmp_path, monkeypatch):
     home = tmp_path / "my stations"
     home.mkdir()
     write_sur(home / "pit.sur", *polished())
@@ -198,9 +204,27 @@ def test_a_kept_station_finds_its_topography_from_any_folder(tmp_path, monkeypat
     found = simulate(Station.read("s.toml"), NumpyBackend())
     write(found, tmp_path / "run", pictures=False)
     monkeypatch.chdir(tmp_path)
-    again = Station.read(tmp_path / "run" / "station.toml")
-    assert again.locate(again.defects[0].file) == home / "pit.sur"
+    home.rename(tmp_path / "gone")
+    (tmp_path / "run").rename(tmp_path / "moved")
+    again = Station.read(tmp_path / "moved" / "station.toml")
     assert np.array_equal(simulate(again, NumpyBackend()).aspect, found.aspect)
+
+
+def test_files_of_one_name_are_kept_apart_and_a_lost_one_by_its_path(tmp_path):
+    for place in ("a", "b"):
+        (tmp_path / place).mkdir()
+        (tmp_path / place / "pit.sur").write_text(place, encoding="utf-8")
+    table = {"kind": "measured", "x_mm": 0.0, "y_mm": 0.0}
+    files = ["a/pit.sur", "b/pit.sur", "c/pit.sur"]
+    station = Station.from_dict(
+        {"defects": [{**table, "file": file} for file in files]}, folder=tmp_path
+    )
+    (tmp_path / "run").mkdir()
+    keep(station, tmp_path / "run" / "s.toml")
+    kept = Station.read(tmp_path / "run" / "s.toml")
+    places = [kept.locate(defect.file) for defect in kept.defects]
+    assert [path.read_text("utf-8") for path in places[:2]] == ["a", "b"]
+    assert places[2] == tmp_path / "c" / "pit.sur"
 
 
 @pytest.mark.parametrize("name", [n for n in FILES if n.endswith(".png")])
@@ -224,7 +248,7 @@ def test_the_animation_moves(written):
 def test_a_folder_never_mixes_two_runs(result, tmp_path):
     write(result, tmp_path, frames=True)
     write(result, tmp_path, frames=False, pictures=False)
-    assert {path.name for path in tmp_path.iterdir()} == TABLES
+    assert names(tmp_path) == TABLES
 
 
 def test_two_runs_of_one_station_write_the_same_tables(result, written, tmp_path):
@@ -290,7 +314,7 @@ def test_a_full_disk_is_said_with_what_to_do(result, tmp_path, monkeypatch):
 def test_a_short_write_of_numpy_is_said_as_a_full_disk(tmp_path):
     with (
         pytest.raises(OutputError, match=r"the disk may be full \(9 requested and 2 written\)"),
-        output_folder(tmp_path / "run"),
+        outputs(tmp_path / "run").writing(),
     ):
         raise OSError("9 requested and 2 written")
 
@@ -309,7 +333,7 @@ def test_ctrl_c_while_files_move_does_not_mix_two_runs(result, tmp_path, monkeyp
     other = simulate(result.station.replace(sensor__exposure=2.0), NumpyBackend())
     with pytest.raises(KeyboardInterrupt):
         write(other, tmp_path, pictures=False)
-    assert {path.name for path in tmp_path.iterdir()} == TABLES
+    assert names(tmp_path) == TABLES
     assert np.array_equal(tifffile.imread(tmp_path / "aspect.tif"), other.aspect)
     assert Station.read(tmp_path / "station.toml").sensor == other.station.sensor
     assert json.loads((tmp_path / "score.json").read_text("utf-8"))["backend"] == "numpy"
@@ -320,7 +344,7 @@ def test_a_file_in_the_way_is_named_before_any_work(tmp_path):
     for folder in (tmp_path / "file", tmp_path / "file" / "below"):
         with (
             pytest.raises(OutputError, match="file is a file; choose another folder"),
-            output_folder(folder),
+            outputs(folder).writing(),
         ):
             pytest.fail("work was begun")
     assert content(tmp_path) == {"file": b"mine"}
@@ -328,7 +352,7 @@ def test_a_file_in_the_way_is_named_before_any_work(tmp_path):
 
 def test_a_folder_in_a_files_place_is_named_before_any_work(tmp_path):
     (tmp_path / "aspect.tif").mkdir()
-    with pytest.raises(OutputError, match=r"aspect\.tif is a folder"), output_folder(tmp_path):
+    with pytest.raises(OutputError, match=r"aspect\.tif is a folder"), outputs(tmp_path).writing():
         pytest.fail("work was begun")
 
 
@@ -337,14 +361,219 @@ def test_what_a_dead_run_left_is_removed_and_a_living_ones_kept(tmp_path):
     if child == 0:
         os._exit(0)
     os.waitpid(child, 0)  # from here on, a number that was a process
-    dead = tmp_path / f"{report._PREFIX}{child}-abc"
-    living = tmp_path / f"{report._PREFIX}{os.getppid()}-abc"
+    dead = tmp_path / f"{files._PREFIX}{child}-abc"
+    living = tmp_path / f"{files._PREFIX}{os.getppid()}-abc"
     elsewhere = tmp_path / f".gpuspec-another machine-{child}-abc"
     for folder in (dead, living, elsewhere):
         folder.mkdir()
         (folder / "aspect.tif").write_text("half", encoding="utf-8")
-    with output_folder(tmp_path / "run"):
+    with outputs(tmp_path / "run").writing():
         pass
     assert not dead.exists()
     assert living.exists()
     assert elsewhere.exists()
+
+
+# -------------------------------------------------------------------- nothing of the user's is lost
+
+
+def mine(folder: Path, *names: str) -> dict[str, bytes]:
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in names:
+        (folder / name).write_text(f"my {name}", encoding="utf-8")
+    return content(folder)
+
+
+@pytest.mark.parametrize("name", ["station.toml", "histogram.png", "frames.tif"])
+def test_a_file_that_no_run_wrote_is_named_before_any_work_and_kept(result, tmp_path, name):
+    before = mine(tmp_path / "run", name, "notes.txt")
+    with (
+        pytest.raises(OutputError, match=f"{name} was not written by gpuspec.*or --force"),
+        outputs(tmp_path / "run").writing(),
+    ):
+        pytest.fail("work was begun")
+    with pytest.raises(OutputError, match=name):
+        write(result, tmp_path / "run", pictures=False)
+    assert content(tmp_path / "run") == before
+
+
+def test_force_replaces_what_is_in_the_way_and_deletes_nothing(result, tmp_path):
+    mine(tmp_path, "station.toml", "histogram.png", "frames.tif")
+    write(result, tmp_path, pictures=False, force=True)
+    assert names(tmp_path) == TABLES | {"histogram.png", "frames.tif"}
+    assert (tmp_path / "frames.tif").read_text("utf-8") == "my frames.tif"
+    assert Station.read(tmp_path / "station.toml").as_dict() == result.station.as_dict()
+
+
+@pytest.mark.parametrize("name", ["station.toml", "aspect.png"])
+def test_what_was_changed_since_the_run_is_the_users(result, tmp_path, name):
+    write(result, tmp_path)
+    with (tmp_path / name).open("ab") as file:
+        file.write(b"\n")
+    before = content(tmp_path)
+    with pytest.raises(OutputError, match=f"{name} was changed since gpuspec wrote it"):
+        write(result, tmp_path, pictures=False)
+    assert content(tmp_path) == before
+    write(result, tmp_path, pictures=False, force=True)
+    assert names(tmp_path) == TABLES | ({name} - TABLES)
+
+
+def test_a_large_file_is_known_by_its_size_and_ends(tmp_path, monkeypatch):
+    monkeypatch.setattr(files, "_LARGE", 100)
+    monkeypatch.setattr(files, "_END", 10)
+    seen = set()
+    for data in (b"a" * 200, b"a" * 201, b"b" + b"a" * 199, b"a" * 199 + b"b", b"a" * 100):
+        (tmp_path / "frames.tif").write_bytes(data)
+        seen.add(digest(tmp_path / "frames.tif"))
+    assert len(seen) == 5
+
+
+@pytest.mark.parametrize("force", [False, True])
+@pytest.mark.parametrize("way", ["plain", "dots", "link", "linked folder", "hard link"])
+def test_an_output_never_replaces_an_input(result, tmp_path, way, force):
+    home = tmp_path / "home"
+    home.mkdir()
+    file = home / "station.toml"
+    file.write_text(to_toml(result.station), encoding="utf-8")
+    target = {"dots": home / ".." / "home", "linked folder": tmp_path / "link"}.get(way, home)
+    if way == "linked folder":
+        target.symlink_to(home)
+    elif way in ("link", "hard link"):
+        target = tmp_path / "run"
+        target.mkdir()
+        if way == "link":
+            (target / "station.toml").symlink_to(file)
+        else:
+            (target / "station.toml").hardlink_to(file)
+    before = file.read_bytes()
+    found = result.__class__(**{**result.__dict__, "station": Station.read(file)})
+    said = "is read here" if force or way == "plain" else "is read here|not written by gpuspec"
+    with pytest.raises(OutputError, match=said):
+        write(found, target, pictures=False, force=force)
+    assert file.read_bytes() == before
+    assert [path.name for path in home.iterdir()] == ["station.toml"]
+
+
+def test_a_topography_beside_its_results_is_never_replaced(tmp_path):
+    (tmp_path / "aspect.tif").write_bytes(b"measured")
+    patch = {"kind": "measured", "file": "aspect.tif", "x_mm": 0.0, "y_mm": 0.0}
+    station = Station.from_dict({"defects": [patch]}, folder=tmp_path)
+    for force in (False, True):
+        with pytest.raises(OutputError, match=r"aspect\.tif is read here"):
+            report.outputs(station, tmp_path, force=force).check()
+
+
+def test_a_file_that_comes_while_the_work_is_done_costs_neither_it_nor_the_results(tmp_path):
+    for number in (2, 3):
+        with (
+            pytest.raises(OutputError, match=f"the results are in .*run-{number}"),
+            outputs(tmp_path / "run").writing() as partial,
+        ):
+            mine(tmp_path / "run", "aspect.tif")
+            (partial / "aspect.tif").write_text("hours", encoding="utf-8")
+            mine(tmp_path / "run", "aspect.tif")
+        assert (tmp_path / f"run-{number}" / "aspect.tif").read_text("utf-8") == "hours"
+        assert content(tmp_path / "run") == {"aspect.tif": b"my aspect.tif"}
+        (tmp_path / "run" / "aspect.tif").unlink()
+    assert not hidden(tmp_path)
+
+
+@pytest.mark.parametrize("moves", range(1, 9))
+def test_a_run_killed_while_its_files_move_is_known_to_the_next(result, tmp_path, moves):
+    write(result, tmp_path / "run", frames=True, pictures=False)
+    other = simulate(result.station.replace(sensor__exposure=2.0), NumpyBackend())
+    child = os.fork()
+    if child == 0:
+        try:
+            replace, moved = Path.replace, []
+
+            def killed(path: Path, target: Path) -> Path:
+                moved.append(path)
+                if len(moved) > moves:
+                    os._exit(0)
+                return replace(path, target)
+
+            Path.replace = killed
+            write(other, tmp_path / "run", pictures=False)
+        finally:
+            os._exit(1)
+    assert os.waitpid(child, 0)[1] == 0
+    write(other, tmp_path / "run", pictures=False)
+    assert names(tmp_path / "run") == TABLES
+    assert not hidden(tmp_path)
+
+
+def test_two_runs_that_end_at_once_are_not_mixed(tmp_path):
+    children = []
+    for word in "ab":
+        child = os.fork()
+        if child == 0:
+            try:
+                for _ in range(20):
+                    with outputs(tmp_path / "run").writing() as partial:
+                        for name in FILES:
+                            (partial / name).write_text(word, encoding="utf-8")
+                    with files._alone(tmp_path / "run"):
+                        held = {(tmp_path / "run" / name).read_text("utf-8") for name in FILES}
+                    assert len(held) == 1
+                os._exit(0)
+            finally:
+                os._exit(1)
+        children.append(child)
+    assert [os.waitpid(child, 0)[1] for child in children] == [0, 0]
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "[]", "{", '{"run": 3}', '{"run": {"of": {}, "files": {"station.toml": 3}}}', "\x00"],
+)
+def test_a_spoilt_manifest_tells_nothing(result, tmp_path, text):
+    before = mine(tmp_path, "station.toml")
+    (tmp_path / MANIFEST).write_text(text, encoding="utf-8")
+    with pytest.raises(OutputError, match="was not written by gpuspec"):
+        write(result, tmp_path, pictures=False)
+    assert content(tmp_path).items() >= before.items()
+
+
+@pytest.mark.parametrize("name", ["../mine", "/mine", "a/b/mine", "a/../mine", ""])
+def test_a_manifest_reaches_no_file_beyond_its_folder(result, tmp_path, name):
+    mine(tmp_path, "mine")
+    (tmp_path / "run").mkdir()
+    known = {name: [digest(tmp_path / "mine")]}
+    (tmp_path / "run" / MANIFEST).write_text(
+        json.dumps({"run": {"of": {}, "files": known}}), encoding="utf-8"
+    )
+    write(result, tmp_path / "run", pictures=False)
+    assert (tmp_path / "mine").exists()
+
+
+def test_only_another_of_its_kind_is_replaced(tmp_path):
+    def written(kind: str, rule: str, **options: bool) -> None:
+        with Outputs(tmp_path, kind, ("a.csv",), of={"rule": rule}, **options).writing() as partial:
+            (partial / "a.csv").write_text(kind + rule, encoding="utf-8")
+
+    written("front", "one")
+    written("front", "one")
+    with pytest.raises(OutputError, match="holds a front of another rule: one there and two here"):
+        written("front", "two")
+    with pytest.raises(OutputError, match="belongs to a front, and a search would replace it"):
+        written("search", "one")
+    written("front", "two", force=True)
+    written("search", "one", force=True)
+    assert (tmp_path / "a.csv").read_text("utf-8") == "searchone"
+    with pytest.raises(OutputError, match="belongs to a search"):
+        written("front", "two")
+
+
+def test_a_folder_without_a_name_is_refused(result, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(OutputError, match=r"has no name; write -o \. for the current folder"):
+        write(result, "")
+    assert not list(tmp_path.iterdir())
+
+
+def test_images_beyond_the_disk_are_refused_before_any_work(tmp_path):
+    station = Station.from_dict(STATION).replace(sequence__images=10**5, camera__sampling_mm=1e-3)
+    report.outputs(station, tmp_path / "run").check()
+    with pytest.raises(OutputError, match=r"100,000 images of 12,000 x 6,000 pixels need about"):
+        report.outputs(station, tmp_path / "run", frames=True).check()

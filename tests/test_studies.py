@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commandline import STATION, content, hidden, said
+from commandline import STATION, content, hidden, names, said
 from scenes import check_station
 from tolerances import (
     DISTANCE_MM,
@@ -20,6 +20,7 @@ from tolerances import (
 )
 
 from gpuspec.errors import StationError
+from gpuspec.files import MANIFEST
 from gpuspec.inspection import simulate
 from gpuspec.parameters import MATERIALS
 from gpuspec.station import Station
@@ -406,7 +407,7 @@ def test_a_tolerance_that_says_nothing_is_refused(small, changes, options, why):
 def test_a_study_writes_its_figure_and_its_table(gpuspec_, name):
     ran = gpuspec_("study", name, "s.toml", *(["--steps", 3] if name == "tolerance" else []))
     assert (ran.code, ran.err) == (0, "")
-    assert {path.name for path in Path("study").iterdir()} == set(files(name))
+    assert names(Path("study")) == set(files(name))
     assert f"s.toml, {name}: " in ran.out
     assert f"{name}.png, {name}.csv" in ran.out
     assert Path(f"study/{name}.png").read_bytes().startswith(b"\x89PNG")
@@ -431,12 +432,18 @@ def test_figure_7_needs_no_station(gpuspec_):
     assert "vanishes 4.06 mm (16.3 sigma)" in ran.out
 
 
+def results() -> dict[str, bytes]:
+    found = content(Path("all"))
+    del found[MANIFEST]
+    return found
+
+
 def test_studies_share_a_folder_and_replace_only_their_own(gpuspec_):
     assert gpuspec_("simulate", "s.toml", "--no-pictures", "-o", "all").code == 0
-    before = content(Path("all"))
+    before = results()
     for name in ("signature", "coverage", "signature"):
         assert gpuspec_("study", name, "s.toml", "-o", "all").code == 0
-    after = content(Path("all"))
+    after = results()
     assert set(after) == {*before, *files("signature"), *files("coverage")}
     assert all(after[name] == before[name] for name in before)
 

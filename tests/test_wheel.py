@@ -10,6 +10,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from commandline import names
 
 from gpuspec.report import FILES
 
@@ -85,7 +86,7 @@ def test_an_installed_gpuspec_runs_its_example_far_from_the_checkout(installed, 
     )  # fmt: skip
     assert ran.returncode == 0, ran.stderr
     assert "Traceback" not in ran.stderr
-    written = {path.name for path in (tmp_path / "out").iterdir()}
+    written = names(tmp_path / "out")
     assert written == set(FILES) - {"frames.tif"}
     score = json.loads((tmp_path / "out" / "score.json").read_text("utf-8"))
     assert score["backend"] == "opencl"

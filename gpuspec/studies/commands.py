@@ -11,6 +11,7 @@ import typer
 from gpuspec.terminal import (
     BackendOption,
     DeviceOption,
+    ForceOption,
     OutputOption,
     SetOption,
     StationArgument,
@@ -20,6 +21,7 @@ from gpuspec.terminal import (
 )
 
 if TYPE_CHECKING:
+    from gpuspec.files import Outputs
     from gpuspec.station import Station
     from gpuspec.studies.outcome import Outcome
 
@@ -43,10 +45,12 @@ def signature(
     diameter_mm: DiameterOption = None,
     depth_um: DepthOption = None,
     change: SetOption = None,
+    force: ForceOption = False,
 ) -> None:
     """Signature of a defect against its distance to the light transition."""
     from gpuspec.studies import signature
     from gpuspec.studies.deflection import described
+    from gpuspec.studies.outcome import outputs
 
     described_station = _read(station, change) if station else None
     if described_station is None and change:
@@ -55,8 +59,7 @@ def signature(
         raise StationError("--set changes a station; name a station file, too.")
     dent = described(diameter_mm, depth_um)
     _leave(
-        output,
-        "signature",
+        outputs("signature", described_station, output, force=force),
         lambda _: signature.study(described_station, dent, backend=backend, device=device),
     )
 
@@ -68,13 +71,15 @@ def height(
     diameter_mm: DiameterOption = None,
     depth_um: DepthOption = None,
     change: SetOption = None,
+    force: ForceOption = False,
 ) -> None:
     """Height against orientation: how far each moves the light point, over camera distance."""
     from gpuspec.studies import height
     from gpuspec.studies.deflection import described
+    from gpuspec.studies.outcome import outputs
 
     read, dent = _read(station, change), described(diameter_mm, depth_um)
-    _leave(output, "height", lambda _: height.study(read, dent))
+    _leave(outputs("height", read, output, force=force), lambda _: height.study(read, dent))
 
 
 @app.command()
@@ -86,13 +91,18 @@ def coverage(
     diameter_mm: DiameterOption = None,
     depth_um: DepthOption = None,
     change: SetOption = None,
+    force: ForceOption = False,
 ) -> None:
     """Scan coverage: how near a transition comes to each point, and which are blind."""
     from gpuspec.studies import coverage
     from gpuspec.studies.deflection import described
+    from gpuspec.studies.outcome import outputs
 
     read, dent = _read(station, change), described(diameter_mm, depth_um)
-    _leave(output, "coverage", lambda _: coverage.study(read, dent, backend, device))
+    _leave(
+        outputs("coverage", read, output, force=force),
+        lambda _: coverage.study(read, dent, backend, device),
+    )
 
 
 @app.command()
@@ -115,14 +125,15 @@ def tolerance(
     ] = 0.3,
     steps: Annotated[int, typer.Option("--steps", help="Values tried of each; odd.")] = 7,
     change: SetOption = None,
+    force: ForceOption = False,
 ) -> None:
     """Tolerance of a chosen design to pose, heights and reflectivity, its threshold held."""
     from gpuspec.studies import tolerance
+    from gpuspec.studies.outcome import outputs
 
     read = _read(station, change)
     _leave(
-        output,
-        "tolerance",
+        outputs("tolerance", read, output, force=force),
         lambda tell: tolerance.study(
             read,
             offset_mm=offset_mm,
@@ -143,17 +154,16 @@ def _read(station: Path, change: list[str] | None) -> Station:
     return changed(Station.read(station), change)
 
 
-def _leave(output: Path, name: str, study: Callable[[Any], Outcome]) -> None:
+def _leave(results: Outputs, study: Callable[[Any], Outcome]) -> None:
     """Do a study, write its files into the folder, and say what it found."""
-    from gpuspec.report import output_folder
     from gpuspec.studies.outcome import files
 
-    with output_folder(output, files(name)) as partial, progress() as tell:
+    with results.writing() as partial, progress() as tell:
         outcome = study(tell)
         tell("drawing")
         outcome.write_files(partial)
     out = console()
-    out.print(f"{outcome.station.file}, {name}: {outcome.info}", soft_wrap=True)
+    out.print(f"{outcome.station.file}, {outcome.name}: {outcome.info}", soft_wrap=True)
     for finding in outcome.findings():
         out.print(finding, soft_wrap=True)
-    out.print(f"{', '.join(files(name))} in {output}", soft_wrap=True)
+    out.print(f"{', '.join(files(outcome.name))} in {results.folder}", soft_wrap=True)

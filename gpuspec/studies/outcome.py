@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from gpuspec import __version__
 from gpuspec.backends import DeviceInfo
+from gpuspec.files import Outputs, folder_of
 from gpuspec.station import Station
-from gpuspec.stationfile import to_toml
+from gpuspec.stationfile import copies, keep
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -60,22 +61,24 @@ class Outcome(ABC):
 
         return png(self.figure())
 
-    def write(self, folder: str | Path) -> None:
+    def write(self, folder: str | Path, *, force: bool = False) -> None:
         """Write figure, table, findings and station, each under the study's name.
 
         Parameters
         ----------
         folder : str or Path
-            Made if missing; files of the same study in it are replaced.
+            Made if missing; files of the same study in it are replaced, and no others.
+        force : bool
+            Whether files of the same names are replaced that are not known to be a study's; what
+            it was made from never is.
 
         Raises
         ------
         OutputError
-            If the folder cannot be written or the disk is full; nothing is left half-written.
+            If a file is in the way, the folder cannot be written or the disk is full; nothing is
+            left half-written.
         """
-        from gpuspec.report import output_folder
-
-        with output_folder(Path(folder), files(self.name)) as partial:
+        with outputs(self.name, self.station, folder, force=force).writing() as partial:
             self.write_files(partial)
 
     def write_files(self, folder: Path) -> None:
@@ -98,7 +101,16 @@ class Outcome(ABC):
             "findings": list(self.findings()),
         }
         summary.write_text(json.dumps(said, indent=2) + "\n", "utf-8")
-        station.write_text(to_toml(self.station, absolute=True), "utf-8")
+        keep(self.station, station)
+
+
+def outputs(
+    name: str, station: Station | None, folder: str | Path, *, force: bool = False
+) -> Outputs:
+    """Return what the study of this name writes, to be checked before it and written after it."""
+    places = copies(station, name).values() if station else ()
+    read = station.inputs if station else ()
+    return Outputs(folder_of(folder), f"{name} study", (*files(name), *places), read, force=force)
 
 
 def files(name: str) -> tuple[str, ...]:

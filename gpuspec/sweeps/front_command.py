@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gpuspec.terminal import PicturesOption, console, extra, progress
+from gpuspec.terminal import ForceOption, PicturesOption, console, extra, folder, progress
 
 if TYPE_CHECKING:
     from gpuspec.sweeps.chosen import Choice
@@ -24,7 +24,13 @@ def front(
     run: Annotated[Path, typer.Argument(help="Folder of a sweep.")],
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", help="Folder for the results. Not given: RUN/front."),
+        typer.Option(
+            "-o",
+            "--output",
+            parser=folder,
+            metavar="FOLDER",
+            help="For the results. Not given: RUN/front.",
+        ),
     ] = None,
     goal: Annotated[
         str, typer.Option("--goal", help="What is to be highest: p1, p2 or f1.")
@@ -38,7 +44,7 @@ def front(
         Path | None,
         typer.Option("--write", help="Write the chosen station, e.g. best.toml, to simulate it."),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+    force: ForceOption = False,
     pictures: PicturesOption = True,
 ) -> None:
     """Choose from a sweep: the best design and its threshold, P2 versus P1, maps, sensitivity."""
@@ -47,8 +53,8 @@ def front(
         from gpuspec.sweeps.chosen import choose, most_defects
         from gpuspec.sweeps.store import RunFolder
     from gpuspec.errors import OutputError
-    from gpuspec.report import output_folder
-    from gpuspec.stationfile import to_toml, write_new
+    from gpuspec.files import Outputs, check_new, write_new
+    from gpuspec.stationfile import to_toml
     from gpuspec.sweeps.maps import Maps
     from gpuspec.sweeps.sensitivity import lines
 
@@ -62,13 +68,20 @@ def front(
         )
     with progress() as tell:
         tell("choosing")
-        folder = RunFolder.read(run)
-        maps = Maps(folder.plan, rule, most_defects(folder)) if pictures else None
-        choice = choose(folder, rule, maps.add if maps else None)
+        swept = RunFolder.read(run)
+        inputs = swept.plan.station.inputs
+        of = {"rule": str(rule), "sweep": swept.name}
+        results = Outputs(output, "front", FILES, inputs, force=force, of=of)
+        results.check()
+        if write:
+            check_new(write, force=force, inputs=inputs)
+        maps = Maps(swept.plan, rule, most_defects(swept)) if pictures else None
+        choice = choose(swept, rule, maps.add if maps else None)
         found = lines(choice)
         if write:
-            write_new(write, to_toml(choice.station(), absolute=True), force=force)
-        with output_folder(output, FILES) as partial:
+            text = to_toml(choice.station(), absolute=True)
+            write_new(write, text, force=force, inputs=inputs)
+        with results.writing() as partial:
             _write_tables(partial, choice, found)
             if maps:
                 tell("drawing")

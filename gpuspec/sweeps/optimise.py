@@ -16,9 +16,9 @@ from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
 from gpuspec.backends import Backend, DeviceInfo
 from gpuspec.devices import open_backend
 from gpuspec.errors import OutputError, StationError
+from gpuspec.files import Outputs, folder_of, write_new
 from gpuspec.levels import thresholds
 from gpuspec.station import Station
-from gpuspec.stationfile import write_new
 from gpuspec.sweeps.axes import bounds
 from gpuspec.sweeps.choice import Rule
 from gpuspec.sweeps.curves import Curves
@@ -97,6 +97,11 @@ def plan_of(
     return Plan.of(station, ends, parts)
 
 
+def outputs(plan: Plan, folder: str | Path, *, force: bool = False) -> Outputs:
+    """Return what is drawn of a search, to be checked before it and written after it."""
+    return Outputs(folder_of(folder), "search", WRITTEN, plan.station.inputs, force=force)
+
+
 def tried(plan: Plan, rule: Rule, parts: Parts, values: Values, *, step: bool) -> Trial:
     """Try one design at all thresholds, exactly.
 
@@ -158,7 +163,7 @@ def optimise(
     BackendError
         If the device is absent or fails.
     """
-    rule, folder = rule or Rule(), Path(folder)
+    rule, folder = rule or Rule(), folder_of(folder)
     engine = open_backend(backend, device) if isinstance(backend, str) else backend
     identity = {**plan.identity(), "rule": str(rule), "seed": seed}
     search = Search(plan.axes, rule, seed)

@@ -11,6 +11,7 @@ import typer
 from gpuspec.terminal import (
     BackendOption,
     DeviceOption,
+    ForceOption,
     OutputOption,
     SetOption,
     StationArgument,
@@ -54,25 +55,22 @@ def optimise(
     write: Annotated[
         Path | None, typer.Option("--write", help="Write the best station, e.g. best.toml.")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+    force: ForceOption = False,
     backend: BackendOption = "auto",
     device: DeviceOption = None,
     change: SetOption = None,
 ) -> None:
     """Search between bounds for the best design; the same command with more trials goes on."""
     with extra("optimise"):
-        from gpuspec.sweeps.optimise import WRITTEN, plan_of
+        from gpuspec.sweeps.optimise import WRITTEN, outputs, plan_of
         from gpuspec.sweeps.optimise import optimise as search
-    from gpuspec.errors import OutputError
-    from gpuspec.report import output_folder
+    from gpuspec.files import check_new, write_new
     from gpuspec.station import Station
-    from gpuspec.stationfile import to_toml, write_new
+    from gpuspec.stationfile import to_toml
     from gpuspec.sweeps.axes import vary_options
     from gpuspec.sweeps.choice import Rule
     from gpuspec.sweeps.optimise_picture import optimise_picture, write_trials
 
-    if write and write.exists() and not force:
-        raise OutputError(f"{write} exists already; choose another name, or --force to replace it.")
     floors = {"p2_floor": p2_floor, "p1_floor": p1_floor, "hit_share": hit_share}
     rule = Rule(goal, **{k: v for k, v in floors.items() if v is not None})  # type: ignore[arg-type]
     plan = plan_of(
@@ -80,6 +78,10 @@ def optimise(
         vary_options(vary) if vary else None,
         parts,
     )
+    results = outputs(plan, output, force=force)
+    results.check()
+    if write:
+        check_new(write, force=force, inputs=results.inputs)
     began, done = time.monotonic(), 0
     with progress() as tell:
 
@@ -90,11 +92,13 @@ def optimise(
 
         found = search(plan, output, trials, rule, seed, backend, device, told)
         seconds = time.monotonic() - began
-        with output_folder(output, WRITTEN) as partial:
+        with results.writing() as partial:
             write_trials(partial / WRITTEN[0], found)
             (partial / WRITTEN[1]).write_bytes(optimise_picture(found))
     if write:
-        write_new(write, to_toml(found.station(), absolute=True), force=force)
+        write_new(
+            write, to_toml(found.station(), absolute=True), force=force, inputs=results.inputs
+        )
     _print(found, done, seconds)
     out = console()
     out.print(f"{', '.join(WRITTEN)} in {output}", soft_wrap=True)

@@ -187,10 +187,8 @@ class Plan:
 
     def _digests(self) -> dict[str, str]:
         """Return what the files named in the station hold, as SHA-256."""
-        named = [self.station.part.relief, *self.station.defects]
-        names = {getattr(one, key, None) for one in named for key in ("file", "zone_file")}
         found = {}
-        for name in sorted(filter(None, names)):
+        for name in self.station.files:
             path = self.station.locate(name)
             try:
                 found[name] = hashlib.sha256(path.read_bytes()).hexdigest()

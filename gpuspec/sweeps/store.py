@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import shutil
@@ -121,6 +122,12 @@ class RunFolder:
             _write_whole(self.path / _IDENTITY, lambda file: file.write_text(text, "utf-8"))
         for left in self.path.rglob(f"{_PARTIAL}*"):  # of a killed run: the lock is ours
             shutil.rmtree(left) if left.is_dir() else left.unlink()
+
+    @property
+    def name(self) -> str:
+        """A few words that tell this sweep from others."""
+        text = (self.path / _IDENTITY).read_bytes()
+        return f"{self.plan.designs:,} designs ({hashlib.sha256(text).hexdigest()[:8]})"
 
     def check_valid(self) -> None:
         """Raise StationError, with the first reason, if no design of the table is valid."""
