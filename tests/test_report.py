@@ -6,6 +6,8 @@ import csv
 import errno
 import json
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -478,49 +480,50 @@ def test_a_file_that_comes_while_the_work_is_done_costs_neither_it_nor_the_resul
     assert not hidden(tmp_path)
 
 
-@pytest.mark.parametrize("moves", range(1, 9))
-def test_a_run_killed_while_its_files_move_is_known_to_the_next(result, tmp_path, moves):
-    write(result, tmp_path / "run", frames=True, pictures=False)
-    other = simulate(result.station.replace(sensor__exposure=2.0), NumpyBackend())
-    child = os.fork()
-    if child == 0:
-        try:
-            replace, moved = Path.replace, []
+WRITES = """
+import os, sys
+from pathlib import Path
+from gpuspec import files
+from gpuspec.files import Outputs
 
-            def killed(path: Path, target: Path) -> Path:
-                moved.append(path)
-                if len(moved) > moves:
-                    os._exit(0)
-                return replace(path, target)
+names, word, moves = sys.argv[1].split(), sys.argv[2], int(sys.argv[3])
+replace, moved = Path.replace, []
 
-            Path.replace = killed
-            write(other, tmp_path / "run", pictures=False)
-        finally:
-            os._exit(1)
-    assert os.waitpid(child, 0)[1] == 0
-    write(other, tmp_path / "run", pictures=False)
-    assert names(tmp_path / "run") == TABLES
+def killed(path, target):
+    moved.append(path)
+    if len(moved) == moves:
+        os._exit(9)
+    return replace(path, target)
+
+Path.replace = killed
+folder = Path("run")
+for _ in range(1 if moves else 30):
+    with Outputs(folder, "run", tuple(names)).writing() as partial:
+        for name in names:
+            (partial / name).write_text(word)
+    with files._alone(folder):
+        assert len({(folder / name).read_text() for name in names}) == 1
+"""
+
+
+def process(folder: Path, *arguments: object) -> subprocess.Popen[bytes]:
+    """Another process that writes such files, and kills itself before it moves the n-th."""
+    command = [sys.executable, "-c", WRITES, *map(str, arguments)]
+    return subprocess.Popen(command, cwd=folder)
+
+
+@pytest.mark.parametrize("moves", range(1, 7))
+def test_a_run_killed_while_its_files_move_is_known_to_the_next(tmp_path, moves):
+    assert process(tmp_path, "a b c d", "old", 0).wait(60) == 0
+    assert process(tmp_path, "b c d e", "new", moves).wait(60) == 9
+    assert process(tmp_path, "b c d e", "last", 0).wait(60) == 0
+    assert names(tmp_path / "run") == set("bcde")
     assert not hidden(tmp_path)
 
 
 def test_two_runs_that_end_at_once_are_not_mixed(tmp_path):
-    children = []
-    for word in "ab":
-        child = os.fork()
-        if child == 0:
-            try:
-                for _ in range(20):
-                    with outputs(tmp_path / "run").writing() as partial:
-                        for name in FILES:
-                            (partial / name).write_text(word, encoding="utf-8")
-                    with files._alone(tmp_path / "run"):
-                        held = {(tmp_path / "run" / name).read_text("utf-8") for name in FILES}
-                    assert len(held) == 1
-                os._exit(0)
-            finally:
-                os._exit(1)
-        children.append(child)
-    assert [os.waitpid(child, 0)[1] for child in children] == [0, 0]
+    both = [process(tmp_path, " ".join(FILES), word, 0) for word in "ab"]
+    assert [one.wait(60) for one in both] == [0, 0]
 
 
 @pytest.mark.parametrize(
