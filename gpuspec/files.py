@@ -14,6 +14,7 @@ import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -60,13 +61,18 @@ class Space:
             With what there is and what it needs.
         """
         above = _nearest(folder)
-        free = shutil.disk_usage(above).free
-        if self.bytes > free:
+        disk = shutil.disk_usage(above)
+        free = disk.free
+        if disk.total and self.bytes > free:  # one without a size tells nothing
             raise OutputError(
                 f"{self.what} need about {_gigabytes(self.bytes)} on disk and "
                 f"{_gigabytes(free)} are free at {above}; {self.way}, or choose another folder "
                 f"with -o."
             )
+
+
+class InTheWay(OutputError):
+    """A folder holds what is not to be replaced."""
 
 
 @dataclass(frozen=True)
@@ -120,6 +126,23 @@ class Outputs:
             if self.folder.is_dir():
                 with _alone(self.folder):
                     self._check_folder()
+
+    def apart(self) -> Outputs:
+        """Return these outputs in the first of folder, folder-2 ... with nothing in the way.
+
+        Raises
+        ------
+        OutputError
+            As :meth:`check`, for other reasons.
+        """
+        for number in count(1):
+            one = self if number == 1 else self._numbered(number)
+            try:
+                one.check()
+            except InTheWay:
+                continue
+            return one
+        raise AssertionError
 
     @contextmanager
     def writing(self) -> Iterator[Path]:
@@ -183,14 +206,14 @@ class Outputs:
         if reasons:
             name, reason = next(iter(reasons.items()))
             more = f" (so for {len(reasons) - 1} more)" if len(reasons) > 1 else ""
-            raise OutputError(
+            raise InTheWay(
                 f"{self.folder / name} {reason}{more}; choose another folder with -o, or --force."
             )
         held = manifest.get(self.kind, _NOTHING)["of"]
         if any(os.path.lexists(self.folder / name) for name in known):
             for word in sorted({*held, *self.of}):
                 if held.get(word) != self.of.get(word):
-                    raise OutputError(
+                    raise InTheWay(
                         f"{self.folder} holds a {self.kind} of another {word}: "
                         f"{held.get(word, 'none')} there and {self.of.get(word, 'none')} here; "
                         f"choose another folder with -o, or --force to replace it."
@@ -230,15 +253,18 @@ class Outputs:
 
     def _beside(self) -> Outputs:
         """Return these outputs in a new folder beside, where nothing is in the way."""
-        folder = self.folder.absolute()
-        number = 2
-        while True:
+        for number in count(2):
+            beside = self._numbered(number)
             try:
-                beside = folder.with_name(f"{folder.name}-{number}")
-                beside.mkdir()
-                return replace(self, folder=beside)
+                beside.folder.mkdir()
             except FileExistsError:
-                number += 1
+                continue
+            return beside
+        raise AssertionError
+
+    def _numbered(self, number: int) -> Outputs:
+        folder = self.folder if self.folder.name not in ("", "..") else self.folder.resolve()
+        return replace(self, folder=folder.with_name(f"{folder.name}-{number}"))
 
     def _move(self, partial: Path, digests: Mapping[str, str]) -> None:
         """Move files from the hidden folder, and remove those of an earlier run.

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commandline import STATION, Command, hidden, names, said
+from commandline import STATION, Command, content, hidden, names, said
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
@@ -259,7 +259,7 @@ def test_axes_say_the_unit_of_their_key(key: str, text: str) -> None:
 
 
 def front_of(gpuspec_: Command, run: RunFolder, *options: object) -> tuple[str, dict[str, Any]]:
-    ran = gpuspec_("front", run.path, "-o", "out", *options)
+    ran = gpuspec_("front", run.path, "-o", "out", "--force", *options)
     assert ran.code == 0, ran.err
     return ran.out, json.loads(Path("out/chosen.json").read_text("utf-8"))
 
@@ -392,7 +392,7 @@ def test_front_refuses_what_is_no_sweep_in_one_sentence(
     shutil.copytree(swept["axis"].path, "damaged")
     damaged = RunFolder.read("damaged")
     damaged.file(0).write_bytes(b"PAR1")
-    assert "cannot be read" in said(gpuspec_("front", "damaged"))
+    assert "is damaged" in said(gpuspec_("front", "damaged"))
     assert not Path("damaged/front").exists()
     wrong = said(gpuspec_("front", swept["axis"].path, "--goal", "p3"))
     assert "choose p1, p2, f1" in wrong
@@ -408,3 +408,52 @@ def test_front_writes_beside_the_sweep_and_leaves_it_as_it_was(
     assert ran.code == 0, ran.err
     assert {path.name for path in Path("run").iterdir()} == before | {"front"}
     sweep(swept["axis"].plan, "run", opencl)  # still the same sweep, and finished
+
+
+def test_a_front_by_another_rule_or_of_another_sweep_is_not_replaced_without_a_word(
+    gpuspec_: Command, swept: dict[str, RunFolder]
+) -> None:
+    command = "front", swept["axis"].path, "--no-pictures", "-o", "out"
+    assert gpuspec_(*command).code == 0
+    before = content(Path("out"))
+    assert gpuspec_(*command).code == 0
+    told = said(gpuspec_(*command, "--goal", "f1"))
+    assert "out holds a front of another rule: all defects hit" in told
+    assert "or --force" in told
+    assert "a front of another sweep" in said(
+        gpuspec_("front", swept["single"].path, "--no-pictures", "-o", "out")
+    )
+    assert content(Path("out")) == before
+    ran = gpuspec_(*command, "--goal", "f1", "--force")
+    assert ran.code == 0
+    assert "F1" in json.loads(Path("out/chosen.json").read_text("utf-8"))["rule"]
+    Path("best.toml").write_text("mine", encoding="utf-8")
+    assert "best.toml exists already" in said(
+        gpuspec_(*command, "--goal", "p2", "-o", "new", "--write", "best.toml")
+    )
+    assert not Path("new").exists()
+
+
+def test_fronts_by_several_rules_stand_beside_each_other(
+    gpuspec_: Command, swept: dict[str, RunFolder]
+) -> None:
+    shutil.copytree(swept["axis"].path, "run")
+    rules = {"front": "p1", "front-2": "f1", "front-3": "p2"}
+    for _ in range(2):
+        for name, goal in rules.items():
+            ran = gpuspec_("front", "run", "--no-pictures", "--goal", goal)
+            assert ran.code == 0
+            assert f"in run/{name}\n" in ran.out
+            assert ("note: run/front holds a front by another rule" in ran.out) == (goal != "p1")
+    for name, goal in rules.items():
+        rule = json.loads(Path("run", name, "chosen.json").read_text("utf-8"))["rule"]
+        assert goal.upper() in rule.rpartition("highest")[2]
+
+
+def test_a_front_keeps_the_users_files(gpuspec_: Command, swept: dict[str, RunFolder]) -> None:
+    Path("out").mkdir()
+    Path("out/front.png").write_text("mine", encoding="utf-8")
+    command = "front", swept["axis"].path, "--no-pictures", "-o", "out"
+    assert "out/front.png was not written by gpuspec" in said(gpuspec_(*command))
+    assert gpuspec_(*command, "--force").code == 0
+    assert Path("out/front.png").read_text("utf-8") == "mine"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import resource
@@ -24,6 +25,7 @@ from gpuspec.station import Station
 from gpuspec.sweeps import run as running
 from gpuspec.sweeps.axes import axis
 from gpuspec.sweeps.bench import Bench
+from gpuspec.sweeps.checksums import Checksums
 from gpuspec.sweeps.front import Front
 from gpuspec.sweeps.plan import SEED_STEP, Plan, with_part
 from gpuspec.sweeps.run import Alone, sweep
@@ -497,11 +499,123 @@ def test_a_spoilt_identity_is_a_sentence(text, tmp_path):
         RunFolder.read(tmp_path)
 
 
-def test_a_file_that_lost_rows_is_named(station, opencl, tmp_path):
-    run = sweep(Plan.of(station, GRID), tmp_path / "run", opencl)
+def spoilt(data: bytes, how: str) -> bytes:
+    """A file with two bytes flipped somewhere, or cut off."""
+    if how == "empty":
+        return b""
+    if how == "cut":
+        return data[:-100]
+    places = {
+        "start": 0,
+        "first page": 200,
+        "middle": len(data) // 2,
+        "last page": 9 * len(data) // 10,
+        "footer": len(data) - 50,
+        "end": len(data) - 2,
+    }
+    at = places[how]
+    return data[:at] + bytes(255 - one for one in data[at : at + 2]) + data[at + 2 :]
+
+
+@pytest.mark.parametrize("samples", [0, 300])
+@pytest.mark.parametrize(
+    "how", ["start", "first page", "middle", "last page", "footer", "end", "cut", "empty"]
+)
+def test_a_damaged_file_is_noticed_and_swept_again(
+    station, opencl, tmp_path, small_parts, how, samples
+):
+    plan = Plan.of(station, GRID, samples=samples)
+    whole = sweep(plan, tmp_path / "run", opencl).table()
+    run = RunFolder.read(tmp_path / "run")
+    before = {path: path.read_bytes() for path in (tmp_path / "run").rglob("part-*")}
+    run.file(3).write_bytes(spoilt(run.file(3).read_bytes(), how))
+    for read in (run.table, lambda: list(run.batches(["reason"])), lambda: run.read_part(3)):
+        with pytest.raises(OutputError, match=r"part-00000003\.parquet is damaged.*same `gpuspec"):
+            read()
+    assert run.damaged() == [3]
+    tried: list[int] = []
+
+    class Watched(Alone):
+        def done(self, tasks: Any) -> Any:
+            for task, table in super().done(tasks):
+                tried.extend(task.designs)
+                yield task, table
+
+    again = sweep(plan, tmp_path / "run", crew=Watched(Bench(plan, opencl)))
+    assert set(tried) == set(run.designs_of(3))
+    assert again.table().equals(whole)
+    assert {path: path.read_bytes() for path in before} == before
+
+
+def test_checksums_are_those_that_sha256sum_reads(station, opencl, tmp_path, small_parts):
+    sweep(Plan.of(station, GRID, samples=300), tmp_path / "run", opencl)
+    lines = (tmp_path / "run" / "sweep.sha256").read_text("ascii").splitlines()
+    for line in lines:
+        found, _, name = line.partition("  ")
+        assert hashlib.sha256((tmp_path / "run" / name).read_bytes()).hexdigest() == found
+    files = list((tmp_path / "run" / "designs").iterdir())
+    assert len({line.partition("  ")[2] for line in lines}) == len(lines) == len(files)
+
+
+def test_a_damaged_line_of_checksums_costs_its_designs_and_no_more(
+    station, opencl, tmp_path, small_parts
+):
+    plan = Plan.of(station, GRID)
+    whole = sweep(plan, tmp_path / "run", opencl).table()
+    sums = tmp_path / "run" / "sweep.sha256"
+    sums.write_bytes(b"\xff" + sums.read_bytes()[1:-9])  # the first line, and half of the last
+    assert RunFolder.read(tmp_path / "run").damaged() == [0, 11]
+    assert sweep(plan, tmp_path / "run", opencl).table().equals(whole)
+    assert RunFolder.read(tmp_path / "run").damaged() == []
+
+
+def test_a_sweep_of_before_there_were_checksums_gets_them(station, opencl, tmp_path, small_parts):
+    plan = Plan.of(station, GRID)
+    whole = sweep(plan, tmp_path / "run", opencl).table()
+    run = RunFolder.read(tmp_path / "run")
+    (tmp_path / "run" / "sweep.sha256").unlink()
     pq.write_table(run.read_part(0)[:5], run.file(0))
-    with pytest.raises(OutputError, match="5 rows of 512"):
-        sweep(Plan.of(station, GRID), tmp_path / "run", opencl)
+    run.file(1).write_bytes(b"PAR1 no more")
+    run.file(2).unlink()
+    with pytest.raises(OutputError, match="5 rows of 64"):
+        RunFolder.read(tmp_path / "run").table()
+    assert sweep(plan, tmp_path / "run", opencl).table().equals(whole)
+    assert len((tmp_path / "run" / "sweep.sha256").read_text("ascii").splitlines()) == run.parts
+
+
+@pytest.mark.parametrize("stop", range(1, 4))
+def test_a_file_written_anew_is_known_whenever_the_writing_is_cut_short(
+    station, opencl, tmp_path, monkeypatch, stop
+):
+    """Killed before the checksum, between it and the file, or after both."""
+    plan = Plan.of(station, GRID)
+    run = sweep(plan, tmp_path / "run", opencl)
+    table = run.read_part(0)
+    changed = table.set_column(
+        table.schema.get_field_index("backend"), "backend", pa.array(["other"] * len(table))
+    )
+    with monkeypatch.context() as patch:
+        left = [stop]
+
+        def cut(real: Any) -> Any:
+            def call(*arguments: Any) -> Any:
+                left[0] -= 1
+                if left[0] == 0:
+                    raise Stopped
+                return real(*arguments)
+
+            return call
+
+        patch.setattr(Checksums, "add", cut(Checksums.add))
+        patch.setattr(Path, "replace", cut(Path.replace))
+        if stop < 3:
+            with pytest.raises(Stopped):
+                run.write(0, changed)
+        else:
+            run.write(0, changed)
+    again = RunFolder.read(tmp_path / "run")
+    assert again.damaged() == []
+    assert set(again.read_part(0)["backend"].to_pylist()) == {"opencl" if stop < 3 else "other"}
 
 
 def test_a_folder_of_something_else_or_in_use_is_refused(station, opencl, tmp_path):
@@ -528,7 +642,7 @@ def test_a_damaged_file_is_named_with_what_to_do(station, opencl, tmp_path):
     plan = Plan.of(station, GRID)
     run = sweep(plan, tmp_path / "run", opencl)
     run.file(0).write_bytes(b"PAR1 no more")
-    with pytest.raises(OutputError, match=r"part-00000000\.parquet cannot be read.*remove it"):
+    with pytest.raises(OutputError, match=r"part-00000000\.parquet is damaged.*the same `gpuspec"):
         list(run.batches())
 
 
@@ -548,6 +662,7 @@ def test_pandas_polars_and_duckdb_read_the_folder(station, opencl, tmp_path):
     best = max(row["best_p1"] for row in rows(run))
     where = tmp_path / "run" / "designs"
     assert pd.read_parquet(where)["best_p1"].max() == best
+    assert pl.read_parquet(where)["best_p1"].max() == best
     assert pl.read_parquet(where / "*.parquet")["best_p1"].max() == best
     found = duckdb.sql(f"select max(best_p1), len(p1) from '{where}/*.parquet' group by 2")
     assert found.fetchall() == [(best, 256)]
@@ -596,6 +711,42 @@ def test_the_plan_alone_writes_nothing(gpuspec_: Command):
     assert ran.code == 0
     assert "4 designs" in ran.out
     assert not Path("sweep").exists()
+
+
+def test_a_plan_needs_no_empty_folder(gpuspec_: Command):
+    Path("mine").mkdir()
+    Path("mine/notes.txt").write_text("mine", encoding="utf-8")
+    Path("spoilt").mkdir()
+    Path("spoilt/sweep.json").write_text("{", encoding="utf-8")
+    before = content(Path())
+    for place in ("mine", "spoilt", "s.toml", "mine/notes.txt"):
+        ran = gpuspec_("sweep", "s.toml", "--vary", "tunnel.luminous_mm=1:4:4", "--plan", "-o",
+                       place)  # fmt: skip
+        assert (ran.code, ran.err) == (0, "")
+        assert "4 designs" in ran.out
+    assert content(Path()) == before
+
+
+def test_a_plan_tells_what_the_disk_cannot_hold(gpuspec_: Command):
+    ran = gpuspec_("sweep", "s.toml", "--plan", "--vary", "tunnel.dark_mm=1:2:100000", "--vary",
+                   "tunnel.luminous_mm=1:2:100000")  # fmt: skip
+    assert ran.code == 0
+    assert "note: 10,000,000,000 designs need about" in ran.out
+
+
+def test_the_command_says_which_files_it_sweeps_again(gpuspec_: Command):
+    command = "sweep", "s.toml", "--vary", "tunnel.luminous_mm=1:4:4"
+    assert gpuspec_(*command).code == 0
+    file = Path("sweep/designs/part-00000000.parquet")
+    whole = file.read_bytes()
+    file.write_bytes(spoilt(whole, "middle"))
+    for more, word in (("--plan",), "4 designs"), ((), "designs/s"):
+        ran = gpuspec_(*command, *more)
+        assert ran.code == 0
+        assert "note: damaged since they were written: part-00000000.parquet;" in ran.out
+        assert word in ran.out
+    assert file.read_bytes() == whole
+    assert "damaged" not in gpuspec_(*command).out
 
 
 def test_a_threshold_of_the_stations_own_is_left_out_and_told(gpuspec_: Command):

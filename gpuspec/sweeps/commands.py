@@ -83,12 +83,17 @@ def sweep(
         parts,
         (samples or STRATA) if screen or samples else 0,
     )
-    RunFolder(output, plan).check_folder()
-    check_space(output, plan)
+    there = RunFolder(output, plan)
+    if not plan_only:
+        there.check_folder()
+        check_space(output, plan)
     plan.check_some_valid()
-    done = RunFolder(output, plan).there() if (output / "designs").is_dir() else 0
+    damaged = there.damaged() if there.is_begun() else []
+    done = there.there() if there.is_begun() else 0
+    done -= sum(len(there.designs_of(part)) for part in damaged)
     with _crew(plan, plan.designs - done, workers, scheduler, backend, device) as (crew, told):
         _print_plan(plan, told, done, output)
+        _print_damage(there, damaged)
         if described.segmentation != plan.station.segmentation:
             console().print(
                 "note: the station's own threshold and size filter are left out: every design is "
@@ -96,6 +101,7 @@ def sweep(
                 soft_wrap=True,
             )
         if plan_only:
+            _print_space(plan, output)
             return
         run, seconds = _swept(plan, output, crew)
     _print_end(run, plan.designs - done, seconds)
@@ -165,6 +171,26 @@ def _print_plan(plan: Plan, told: Estimate, done: int, output: Path) -> None:
     )
     if done:
         out.print(f"{done:,} designs are there already; only the others are done.")
+
+
+def _print_space(plan: Plan, output: Path) -> None:
+    from gpuspec.errors import OutputError
+    from gpuspec.sweeps.store import check_space
+
+    try:
+        check_space(output, plan)
+    except OutputError as error:
+        console().print(f"note: {error}", soft_wrap=True)
+
+
+def _print_damage(there: RunFolder, damaged: list[int]) -> None:
+    if damaged:
+        more = f" and {len(damaged) - 3} more" if len(damaged) > 3 else ""
+        names = ", ".join(there.file(part).name for part in damaged[:3])
+        console().print(
+            f"note: damaged since they were written: {names}{more}; their designs are tried again.",
+            soft_wrap=True,
+        )
 
 
 def _print_end(run: RunFolder, tried: int, seconds: float) -> None:

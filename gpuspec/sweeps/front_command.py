@@ -29,7 +29,7 @@ def front(
             "--output",
             parser=folder,
             metavar="FOLDER",
-            help="For the results. Not given: RUN/front.",
+            help="For the results. Not given: RUN/front, or RUN/front-2 ... for other rules.",
         ),
     ] = None,
     goal: Annotated[
@@ -59,8 +59,8 @@ def front(
     from gpuspec.sweeps.sensitivity import lines
 
     rule = Rule(goal, p2_floor, p1_floor, hit_share)  # type: ignore[arg-type]
-    output = output or run / "front"
-    if output.resolve() == (run / "designs").resolve() or (
+    place = output or run / "front"
+    if place.resolve() == (run / "designs").resolve() or (
         write and write.resolve().parent in (run.resolve(), (run / "designs").resolve())
     ):
         raise OutputError(
@@ -71,10 +71,12 @@ def front(
         swept = RunFolder.read(run)
         inputs = swept.plan.station.inputs
         of = {"rule": str(rule), "sweep": swept.name}
-        results = Outputs(output, "front", FILES, inputs, force=force, of=of)
-        results.check()
         if write:
             check_new(write, force=force, inputs=inputs)
+        results = Outputs(place, "front", FILES, inputs, force=force, of=of)
+        if output is None:
+            results = results.apart()
+        results.check()
         maps = Maps(swept.plan, rule, most_defects(swept)) if pictures else None
         choice = choose(swept, rule, maps.add if maps else None)
         found = lines(choice)
@@ -89,7 +91,9 @@ def front(
             written = [name for name in FILES if (partial / name).exists()]
     _print_choice(choice, found)
     out = console()
-    out.print(f"{', '.join(written)} in {output}", soft_wrap=True)
+    if results.folder != place:
+        out.print(f"note: {place} holds a front by another rule, which stays.", soft_wrap=True)
+    out.print(f"{', '.join(written)} in {results.folder}", soft_wrap=True)
     if write:
         out.print(f"{write} written; simulate it with: gpuspec simulate {write}", soft_wrap=True)
 

@@ -13,6 +13,7 @@ import pyarrow as pa
 
 from gpuspec.backends import Backend
 from gpuspec.devices import open_backend
+from gpuspec.files import folder_of
 from gpuspec.sweeps.bench import Bench
 from gpuspec.sweeps.front import Front
 from gpuspec.sweeps.plan import Plan
@@ -70,7 +71,7 @@ def sweep(
     progress: Progress | None = None,
     crew: Crew | None = None,
 ) -> RunFolder:
-    """Try every design of a plan that the folder does not hold yet.
+    """Try every design of a plan that the folder does not hold yet, or not as it was written.
 
     Parameters
     ----------
@@ -98,7 +99,7 @@ def sweep(
     BackendError
         If the device is absent or fails.
     """
-    folder = Path(folder)
+    folder = folder_of(folder)
     tell = progress or (lambda *_: None)
     RunFolder(folder, plan).check_folder()
     check_space(folder, plan)
@@ -107,6 +108,7 @@ def sweep(
         engine = open_backend(backend, device) if isinstance(backend, str) else backend
         crew = Alone(Bench(plan, engine))
     with RunFolder.writing(folder, plan) as run:
+        run.repair()
         front = Front()
         missing = set(run.missing())
         for part in range(run.parts) if plan.samples else ():
@@ -122,6 +124,7 @@ def sweep(
             tell("designs", done, plan.designs)
         if plan.samples:
             _make_exact(run, crew, front, tell)
+        run.seal()
         run.check_valid()
     return run
 

@@ -7,7 +7,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,9 @@ import pyarrow.parquet as pq
 from filelock import FileLock, Timeout
 
 from gpuspec.errors import OutputError, StationError
+from gpuspec.files import Space, folder_of
+from gpuspec.sweeps import checksums
+from gpuspec.sweeps.checksums import Checksums, checksum
 from gpuspec.sweeps.plan import Plan
 from gpuspec.sweeps.table import schema
 
@@ -32,7 +35,8 @@ class RunFolder:
     """The folder of one sweep.
 
     ``sweep.json`` says which sweep it is; ``designs/`` holds the table, 512 rows a file, which
-    pandas, Polars and DuckDB read as one; ``sweep.lock`` is held while a sweep writes.
+    pandas, Polars and DuckDB read as one; ``sweep.sha256`` the checksum of each file, a line each,
+    as ``sha256sum --check`` reads them; ``sweep.lock`` is held while a sweep writes.
 
     Parameters
     ----------
@@ -46,6 +50,8 @@ class RunFolder:
         self.path = path
         self.plan = plan
         self._schema = schema(plan)
+        self._sound: dict[int, str] = {}  # files that hold what was written, and their checksums
+        self._checksums = Checksums(path)
 
     @classmethod
     def read(cls, path: str | Path) -> RunFolder:
@@ -73,7 +79,7 @@ class RunFolder:
             If the folder holds another sweep, or anything else; another process is writing to it;
             or it cannot be written.
         """
-        run = cls(Path(path), plan)
+        run = cls(folder_of(path), plan)
         run.check_folder()
         with writes_to(run.path):
             (run.path / _TABLE).mkdir(parents=True, exist_ok=True)
@@ -107,13 +113,20 @@ class RunFolder:
             table = self.path / _TABLE
             folders = [folder for folder in (self.path, table) if folder.is_dir()]
             others = [p.name for folder in folders for p in folder.iterdir()]
-            others = [name for name in others if name not in (_LOCK, _TABLE)]
+            others = [name for name in others if name not in (_LOCK, _TABLE, checksums.NAME)]
             if others or (table.exists() and not table.is_dir()):
                 raise OutputError(
                     f"{self.path} holds other files ({', '.join([*others, _TABLE][:1])}) and no "
                     f"{_IDENTITY}; choose an empty folder, or that of the sweep to go on with, "
                     f"with -o."
                 )
+
+    def is_begun(self) -> bool:
+        """Whether the folder holds this very sweep, begun or finished."""
+        try:
+            return not differences(_identity_in(self.path), self.plan.identity())
+        except OutputError:
+            return False
 
     def _begin(self) -> None:
         self.check_folder()
@@ -163,6 +176,19 @@ class RunFolder:
         """Return the path of a file of the table."""
         return self.path / _TABLE / f"part-{part:08}.parquet"
 
+    def damaged(self) -> list[int]:
+        """Return the files that are there, but do not hold what was written."""
+        found = []
+        for part in self._there():
+            try:
+                self._verify(part)
+            except OutputError:
+                found.append(part)
+        return found
+
+    def _there(self) -> list[int]:
+        return sorted(set(range(self.parts)) - set(self.missing()))
+
     def missing(self) -> list[int]:
         """Return the files still to be written."""
         there = {path.name for path in (self.path / _TABLE).glob("part-*.parquet")}
@@ -177,13 +203,18 @@ class RunFolder:
             If the disk is full or the folder gone; the file is then as it was.
         """
         words = [f.name for f in self._schema if not pa.types.is_nested(f.type)]
+        sink = pa.BufferOutputStream()
+        pq.write_table(table.cast(self._schema), sink, compression="zstd", use_dictionary=words)
+        data = sink.getvalue()
+        found = checksum(data)
         with writes_to(self.path):
             _write_whole(
                 self.file(part),
-                lambda file: pq.write_table(
-                    table.cast(self._schema), file, compression="zstd", use_dictionary=words
-                ),
+                lambda file: file.write_bytes(data),
+                # Before the file has its name: with a new checksum an earlier file is sound, too.
+                lambda: self._checksums.add(self.file(part), found),
             )
+        self._sound[part] = found
 
     def read_part(self, part: int, columns: Sequence[str] | None = None) -> pa.Table:
         """Read a file of the table.
@@ -193,27 +224,92 @@ class RunFolder:
         OutputError
             If it is damaged.
         """
+        self._verify(part)
         try:
             table = pq.read_table(self.file(part), columns=columns, partitioning=None)
-            if len(table) != len(self.designs_of(part)):
-                raise pa.ArrowInvalid(f"{len(table)} rows of {len(self.designs_of(part))}")
+            self._check_rows(part, table)
             return table
         except (pa.ArrowException, OSError) as error:
-            raise OutputError(
-                f"{self.file(part)} cannot be read ({error}); remove it and sweep again into the "
-                f"same folder: only what is missing is done."
-            ) from None
+            raise self._damage(part, str(error)) from None
 
     def batches(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
         """Yield the table file by file, those that are there, in their order."""
-        missing = set(self.missing())
-        for part in range(self.parts):
-            if part not in missing:
-                yield self.read_part(part, columns)
+        for part in self._there():
+            yield self.read_part(part, columns)
 
     def table(self, columns: Sequence[str] | None = None) -> pa.Table:
-        """Return the whole table, or some columns of it."""
+        """Return the whole table, or some columns of it.
+
+        Raises
+        ------
+        OutputError
+            If a file is damaged.
+        """
+        for part in self._there():
+            self._verify(part)
         return ds.dataset(self.path / _TABLE, format="parquet").to_table(columns=columns)
+
+    def repair(self) -> None:
+        """Remove damaged files, so that they are missing; while nobody else writes.
+
+        The files of a folder of before there were checksums get theirs: what reads whole is sound.
+
+        Raises
+        ------
+        OutputError
+            If the folder cannot be written.
+        """
+        with writes_to(self.path):
+            for part in self.damaged():
+                self.file(part).unlink()
+        if not self._checksums.exist():
+            self.seal()
+
+    def seal(self) -> None:
+        """Write the checksums anew: of the files as they are, once each.
+
+        Raises
+        ------
+        OutputError
+            If the disk is full, or a file is damaged.
+        """
+        for part in self._there():
+            self._verify(part)
+        found = {self.file(part): one for part, one in sorted(self._sound.items())}
+        text = self._checksums.text(found)
+        with writes_to(self.path):
+            _write_whole(self._checksums.path, lambda file: file.write_text(text, "ascii"))
+
+    def _verify(self, part: int) -> None:
+        """Read a file and compare its checksum, once.
+
+        Raises
+        ------
+        OutputError
+            If it is not what was written.
+        """
+        if part in self._sound:
+            return
+        try:
+            data = self.file(part).read_bytes()
+            found = checksum(data)
+            if not self._checksums.hold(self.file(part), found):
+                if self._checksums.exist():
+                    raise self._damage(part, "its checksum is not that of what was written")
+                self._check_rows(part, pq.read_table(pa.BufferReader(data)))
+        except (pa.ArrowException, OSError) as error:
+            raise self._damage(part, str(error)) from None
+        self._sound[part] = found
+
+    def _check_rows(self, part: int, table: pa.Table) -> None:
+        if len(table) != len(self.designs_of(part)):
+            raise pa.ArrowInvalid(f"{len(table)} rows of {len(self.designs_of(part))}")
+
+    def _damage(self, part: int, why: str) -> OutputError:
+        return OutputError(
+            f"{self.file(part)} is damaged ({why}); the same `gpuspec sweep` into the same folder "
+            f"tries its designs again."
+        )
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
@@ -255,14 +351,13 @@ def check_space(path: Path, plan: Plan) -> None:
     OutputError
         With what there is and what it needs.
     """
-    above = next(p for p in (path.absolute(), *path.absolute().parents) if p.exists())
-    free, needed = shutil.disk_usage(above).free, table_bytes(plan)
-    if needed > free:
-        raise OutputError(
-            f"{plan.designs:,} designs need about {needed / 1e9:,.1f} GB on disk and "
-            f"{free / 1e9:,.1f} GB are free at {above}; vary fewer values, or choose another "
-            f"folder with -o."
-        )
+    with writes_to(path):
+        space(plan).check(path)
+
+
+def space(plan: Plan) -> Space:
+    """Return about what a sweep's table takes on disk."""
+    return Space(table_bytes(plan), f"{plan.designs:,} designs", "vary fewer values")
 
 
 def table_bytes(plan: Plan) -> int:
@@ -302,13 +397,15 @@ def writes_to(path: Path, what: str = "the sweep") -> Iterator[None]:
         ) from None
 
 
-def _write_whole(path: Path, write: Any) -> None:
+def _write_whole(path: Path, write: Any, before: Callable[[], None] = lambda: None) -> None:
+    """Write a file under another name and rename it; what is to be done `before` that is."""
     partial = Path(tempfile.mkdtemp(prefix=_PARTIAL, dir=path.parent))
     try:
         file = partial / path.name
         write(file)
         with file.open("rb") as written:  # a power cut must not leave an empty file of this name
             os.fsync(written.fileno())
+        before()
         file.replace(path)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
