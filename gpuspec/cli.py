@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import signal
 import sys
@@ -32,6 +31,7 @@ from gpuspec.terminal import (
     folder,
     progress,
     show_warnings_as_notes,
+    standard_output,
 )
 
 if TYPE_CHECKING:
@@ -268,12 +268,10 @@ def main() -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, _stop)
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        # A name that the terminal cannot show must not end a run.
-        sys.stdout.reconfigure(errors="backslashreplace")
     show_warnings_as_notes()
     try:
-        app()
+        with standard_output():
+            app()
     except GpuspecError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(1)

@@ -71,7 +71,7 @@ class Space:
             )
 
 
-class InTheWay(OutputError):
+class InTheWayError(OutputError):
     """A folder holds what is not to be replaced."""
 
 
@@ -139,7 +139,7 @@ class Outputs:
             one = self if number == 1 else self._numbered(number)
             try:
                 one.check()
-            except InTheWay:
+            except InTheWayError:
                 continue
             return one
         raise AssertionError
@@ -206,14 +206,14 @@ class Outputs:
         if reasons:
             name, reason = next(iter(reasons.items()))
             more = f" (so for {len(reasons) - 1} more)" if len(reasons) > 1 else ""
-            raise InTheWay(
+            raise InTheWayError(
                 f"{self.folder / name} {reason}{more}; choose another folder with -o, or --force."
             )
         held = manifest.get(self.kind, _NOTHING)["of"]
         if any(os.path.lexists(self.folder / name) for name in known):
             for word in sorted({*held, *self.of}):
                 if held.get(word) != self.of.get(word):
-                    raise InTheWay(
+                    raise InTheWayError(
                         f"{self.folder} holds a {self.kind} of another {word}: "
                         f"{held.get(word, 'none')} there and {self.of.get(word, 'none')} here; "
                         f"choose another folder with -o, or --force to replace it."

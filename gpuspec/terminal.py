@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import errno
+import io
+import os
+import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 import typer
 
@@ -145,3 +149,58 @@ def console(*, stderr: bool = False) -> Console:
     from rich.console import Console
 
     return Console(stderr=stderr, markup=False, emoji=False, highlight=False)
+
+
+class _Stdout:
+    """Standard output; what cannot be written to it is a sentence, and a closed pipe no error."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        with self._told():
+            return self._stream.write(text)
+
+    def flush(self) -> None:
+        with self._told():
+            self._stream.flush()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            with suppress(OSError, ValueError):  # else Python tries the rest again when it ends
+                os.dup2(os.open(os.devnull, os.O_WRONLY), self._stream.fileno())
+            if error.errno == errno.EPIPE:
+                sys.exit(1)
+            from gpuspec.errors import OutputError
+
+            raise OutputError(
+                f"standard output cannot be written: {error.strerror}; choose another place for "
+                f"what is printed. Results in folders are not affected."
+            ) from None
+
+
+@contextmanager
+def standard_output() -> Iterator[None]:
+    """Print to standard output; what cannot be is an OutputError, before the context ends."""
+    stdout = sys.stdout
+    if stdout is None or stdout.closed:
+        yield
+        return
+    if isinstance(stdout, io.TextIOWrapper):
+        # A name that the terminal cannot show must not end a run.
+        stdout.reconfigure(errors="backslashreplace")
+    told = _Stdout(stdout)
+    sys.stdout = told
+    try:
+        try:
+            yield
+        finally:
+            told.flush()
+    finally:
+        sys.stdout = stdout

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import resource
@@ -17,7 +18,7 @@ import tifffile
 from commandline import PROGRAM, STATION, content, earlier_run, hidden, names, program, said
 
 import gpuspec
-from gpuspec import cli, inspection, opencl, sources
+from gpuspec import cli, files, inspection, opencl, sources
 from gpuspec.devices import BACKENDS, open_backend
 from gpuspec.report import FILES
 from gpuspec.station import Station
@@ -103,6 +104,31 @@ def test_a_reader_that_stops_listening_is_no_error(folder):
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    ["", "--help", "--version", "schema", "devices", "simulate --help", "study --help", "init new",
+     "simulate s.toml --no-pictures --backend numpy", "study height s.toml",
+     "sweep s.toml --vary tunnel.dark_mm=1:4:4 --backend numpy"],
+)  # fmt: skip
+def test_standard_output_that_is_full_is_said(folder, arguments):
+    command = " ".join(f"'{word}'" for word in [*PROGRAM, *arguments.split()])
+    done = subprocess.run(
+        f"{command} > /dev/full", shell=True, capture_output=True, text=True, cwd=folder
+    )
+    assert done.returncode == 1
+    assert done.stderr.startswith("error: standard output cannot be written: No space left")
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("arguments", ["--help", "devices", "study height s.toml"])
+def test_a_reader_that_never_listened_is_no_error(folder, arguments):
+    command = " ".join(f"'{word}'" for word in [*PROGRAM, *arguments.split()])
+    done = subprocess.run(
+        f"{command} | exec 0<&-", shell=True, capture_output=True, text=True, cwd=folder
+    )
+    assert (done.stdout, done.stderr) == ("", "")
+
+
 def test_devices_lists_all_and_what_auto_takes(gpuspec_):
     ran = gpuspec_("devices")
     assert ran.code == 0
@@ -142,6 +168,7 @@ def test_init_replaces_a_file_only_when_told(gpuspec_):
         ("/", "is a folder"),
         (".", "is a folder"),
         ("..", "is a folder"),
+        ("folder.toml", "is a folder"),
         ("s.toml/new.toml", "Not a directory"),
         ("none/new.toml", "No such file or directory"),
         ("/proc/new.toml", "No such file or directory"),
@@ -149,6 +176,7 @@ def test_init_replaces_a_file_only_when_told(gpuspec_):
     ],
 )
 def test_init_says_where_it_cannot_write(gpuspec_, path, why):
+    Path("folder.toml").mkdir()
     before = set(Path().iterdir())
     assert why in said(gpuspec_("init", path))
     assert set(Path().iterdir()) == before
@@ -246,6 +274,77 @@ def test_a_wrong_use_is_told_apart_by_its_exit_code(gpuspec_, arguments, why):
     assert why in ran.err
     assert "Traceback" not in ran.err
     assert {path.name for path in Path().iterdir()} == {"s.toml"}
+
+
+def test_a_run_beside_the_station_file_never_replaces_it(gpuspec_):
+    Path("station.toml").write_text(f"# mine{STATION}", encoding="utf-8")
+    Path("link.toml").symlink_to("station.toml")
+    Path("below").mkdir()
+    before = content(Path())
+    for station in ("station.toml", "link.toml", "below/../station.toml"):
+        for more in ((), ("--force",)):
+            for place in (".", "below/..", Path.cwd()):
+                command = "simulate", station, "-o", place, "--set", "tunnel.dark_mm=8", *more
+                assert "station.toml is read here" in said(gpuspec_(*command))
+    assert content(Path()) == before
+
+
+def test_force_replaces_another_station_file_only(gpuspec_):
+    Path("station.toml").write_text("# mine", encoding="utf-8")
+    Path("notes.txt").write_text("mine", encoding="utf-8")
+    command = "simulate", "s.toml", "-o", ".", "--no-pictures", "--backend", "numpy"
+    told = said(gpuspec_(*command))
+    assert "station.toml was not written by gpuspec, and a run would replace it" in told
+    assert names(Path()) == {"s.toml", "station.toml", "notes.txt"}
+    assert gpuspec_(*command, "--force").code == 0
+    assert gpuspec_(*command).code == 0  # from now on they are its own
+    assert Path("notes.txt").read_text("utf-8") == "mine"
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["simulate s.toml", "demo", "sweep s.toml --vary tunnel.dark_mm=1:4:4", "front s.toml",
+     "optimise s.toml --vary tunnel.dark_mm=1:4", "study height s.toml",
+     "prototype s.toml --pattern binary"],
+)  # fmt: skip
+def test_a_folder_without_a_name_is_refused_by_every_command(gpuspec_, command):
+    before = content(Path())
+    assert "write -o . for the current folder" in said(gpuspec_(*command.split(), "-o", ""))
+    assert content(Path()) == before
+
+
+def test_more_images_than_the_disk_holds_are_refused_before_any_work(gpuspec_, monkeypatch):
+    monkeypatch.setattr(inspection, "trace", lambda *_: pytest.fail("work was begun"))
+    for command in (("simulate", "s.toml"), ("demo",)):
+        told = said(
+            gpuspec_(*command, "--frames", "--set", "sequence.images=100000",
+                     "--set", "camera.sampling_mm=0.004")
+        )  # fmt: skip
+        assert "100,000 images of" in told
+        assert "GB on disk" in told
+        assert "leave --frames out, or set fewer sequence.images" in told
+    assert names(Path()) == {"s.toml"}
+
+
+def test_a_folder_that_may_not_be_written_is_said_before_any_work(gpuspec_, monkeypatch):
+    monkeypatch.setattr(inspection, "trace", lambda *_: pytest.fail("work was begun"))
+
+    def refused(**_: object) -> None:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+
+    monkeypatch.setattr(files.tempfile, "mkdtemp", refused)  # root may write everywhere
+    assert "cannot be written to run: Permission denied" in said(gpuspec_("simulate", "s.toml"))
+
+
+def test_a_linked_folder_is_written_where_it_leads(gpuspec_):
+    Path("real").mkdir()
+    Path("run").symlink_to("real")
+    for _ in range(2):
+        assert gpuspec_("simulate", "s.toml", "--no-pictures", "--backend", "numpy").code == 0
+    assert Path("run").is_symlink()
+    assert Path("real/score.json").exists()
+    Path("lost").symlink_to("nowhere")
+    assert "lost is a file" in said(gpuspec_("simulate", "s.toml", "-o", "lost"))
 
 
 def test_an_image_beyond_the_memory_is_refused_before_any_work(gpuspec_, monkeypatch):

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
+from commandline import PROGRAM, Ran, content, names, program, said
 from scenes import check_station
 from tolerances import DEVICE_DN
 
 from gpuspec import prototype
 from gpuspec.devices import open_backend
-from gpuspec.errors import BackendError, PatternError
+from gpuspec.errors import BackendError, OutputError, PatternError
 from gpuspec.inspection import Traced, trace
 from gpuspec.patterns import Pattern, shipped
 from gpuspec.station import Station
@@ -235,3 +238,87 @@ def test_images_for_a_look_are_written_as_pngs(tmp_path):
     assert sorted(path.name for path in frames.iterdir()) == [
         "image_0000.png", "image_0001.png", "image_0002.png",
     ]  # fmt: skip
+
+
+def shown(*arguments: object, cwd: Path) -> Ran:
+    """The command with images small enough for a glance at it."""
+    small = "--set", "sequence.images=4", "--set", "camera.sampling_mm=0.4"
+    (cwd / "s.toml").write_text(STATION, encoding="utf-8")
+    return program("prototype", "s.toml", "--pattern", "binary", *small, *arguments, cwd=cwd)
+
+
+def glanced(cwd: Path, *arguments: object, until_saved: Path) -> str:
+    """The command with --watch, ended by Ctrl-C after its first picture."""
+    (cwd / "s.toml").write_text(STATION, encoding="utf-8")
+    (cwd / "mine.glsl").write_text(Pattern.read("binary").text, encoding="utf-8")
+    process = subprocess.Popen(
+        [*PROGRAM, "prototype", "s.toml", "--pattern", "mine.glsl", "--watch", *arguments],
+        cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )  # fmt: skip
+    end = time.monotonic() + 60
+    before = until_saved.stat().st_mtime_ns if until_saved.exists() else None
+    while process.poll() is None and time.monotonic() < end:
+        if until_saved.exists() and until_saved.stat().st_mtime_ns != before:
+            process.send_signal(signal.SIGINT)
+            break
+        time.sleep(0.02)
+    return process.communicate(timeout=60)[0]
+
+
+def test_a_glance_never_replaces_a_whole_run(tmp_path):
+    assert shown("-o", "out", cwd=tmp_path).code == 0
+    before = content(tmp_path / "out")
+    told = glanced(tmp_path, "-o", "out", until_saved=tmp_path / "never")
+    assert "out/score.json belongs to a run, and a glance would replace it" in told
+    assert "watching" not in told
+    assert content(tmp_path / "out") == before
+    picture = tmp_path / "watch" / "detection.png"
+    for _ in range(2):  # of its own it does
+        told = glanced(tmp_path, "--frames", "look.gif", until_saved=picture)
+        assert "error" not in told
+    assert names(tmp_path / "watch") == {"score.json", "detection.png"}
+    assert (tmp_path / "look.gif").exists()
+    assert shown("-o", "watch", cwd=tmp_path).code == 0  # and a whole run replaces a glance
+    assert "aspect.tif" in names(tmp_path / "watch")
+
+
+def test_a_sequence_is_a_gif_or_a_folder(tmp_path):
+    for name in ("x.mp4", "x.png", "below/x.tif"):
+        told = said(shown("--frames", name, cwd=tmp_path))
+        assert f"--frames {name}: the sequence is written as a .gif, or as PNGs into a" in told
+    assert names(tmp_path) == {"s.toml"}
+    (tmp_path / "of 7.5").mkdir()
+    assert shown("--frames", "of 7.5", cwd=tmp_path).code == 0
+    assert len(names(tmp_path / "of 7.5")) == 4
+
+
+def test_a_sequence_replaces_only_an_earlier_one(tmp_path):
+    (tmp_path / "look.gif").write_text("mine", encoding="utf-8")
+    assert "look.gif was not written by gpuspec" in said(
+        shown("--frames", "look.gif", cwd=tmp_path)
+    )
+    assert names(tmp_path) == {"look.gif", "s.toml"}
+    assert shown("--frames", "look.gif", "--force", cwd=tmp_path).code == 0
+    assert shown("--frames", "other.GIF", cwd=tmp_path).code == 0
+    assert shown("--frames", "look.gif", cwd=tmp_path).code == 0
+    assert {"look.gif", "other.GIF"} <= names(tmp_path)
+    told = said(shown("-o", ".", "--frames", "sequence.gif", cwd=tmp_path))
+    assert "would be written twice" in told
+
+
+def test_a_pattern_is_never_replaced(tmp_path):
+    (tmp_path / "s.toml").write_text(STATION, encoding="utf-8")
+    text = Pattern.read("binary").text
+    (tmp_path / "pattern.glsl").write_text(text, encoding="utf-8")
+    for more in ((), ("--force",)):
+        command = "prototype", "s.toml", "--pattern", "pattern.glsl", "-o", ".", *more
+        assert "pattern.glsl is read here" in said(program(*command, cwd=tmp_path))
+    assert (tmp_path / "pattern.glsl").read_text("utf-8") == text
+
+
+def test_images_beyond_the_disk_are_refused(tmp_path):
+    station = Station.parse(STATION).replace(sequence__images=100_000, camera__sampling_mm=0.002)
+    prototype.planned(station, tmp_path / "run", Path("binary"), str(tmp_path / "look.gif"))
+    with pytest.raises(OutputError, match=r"100,000 images of 10,000 x 5,000 pixels need about"):
+        prototype.planned(station, tmp_path / "run", Path("binary"), str(tmp_path / "images"))
