@@ -29,6 +29,7 @@ from gpuspec.terminal import (
     changed,
     console,
     folder,
+    note_space,
     progress,
     show_warnings_as_notes,
     standard_output,
@@ -120,6 +121,7 @@ def prototype(
     described = changed(Station.read(station), change)
     where = output or Path("watch" if watching else "prototype")
     plan = planned(described, where, Path(pattern), frames, glance=watching, force=force)
+    note_space(*filter(None, (plan.results, plan.sequence)))
 
     def render() -> None:
         light = Pattern.read(pattern)
@@ -209,6 +211,8 @@ def _run(
     from gpuspec.report import outputs, write_files
 
     results = outputs(station, output, frames=frames, force=force)
+    results.check()
+    note_space(results)
     with results.writing() as partial, progress() as tell:
         result = simulate(station, backend, device, tell)
         write_files(result, partial, frames=frames, pictures=pictures, progress=tell)

@@ -30,6 +30,7 @@ MANIFEST = ".gpuspec.json"
 _PREFIX = f".gpuspec-{platform.node() or 'local'}-"
 # A larger file is known by its size and its ends: it is not read twice.
 _LARGE, _END = 64 * 2**20, 2**20
+_MUCH = 10**9
 
 Known = dict[str, set[str]]
 """Names of files, and the digests of what gpuspec wrote into them."""
@@ -51,6 +52,13 @@ class Space:
     bytes: int
     what: str
     way: str
+
+    @property
+    def note(self) -> str | None:
+        """What to say before the work is begun; None: it is little."""
+        if self.bytes < _MUCH:
+            return None
+        return f"{self.what} will take about {_gigabytes(self.bytes)} on disk."
 
     def check(self, folder: Path) -> None:
         """Refuse what the disk cannot hold, before any work.
@@ -199,15 +207,16 @@ class Outputs:
             others = (kind for kind, entry in manifest.items() if name in entry["files"])
             if name not in known:
                 owner = next(others, None)
-                whose = f"belongs to a {owner}" if owner else "was not written by gpuspec"
-                reasons[name] = f"{whose}, and a {self.kind} would replace it"
-            elif digest(path) not in known[name]:
-                reasons[name] = "was changed since gpuspec wrote it"
+                earlier = f"it is not known to be of an earlier {self.kind}"
+                reasons[name] = f"it belongs to a {owner}" if owner else earlier
+            elif not path.is_file() or digest(path) not in known[name]:
+                reasons[name] = "it was changed since gpuspec wrote it"
         if reasons:
             name, reason = next(iter(reasons.items()))
-            more = f" (so for {len(reasons) - 1} more)" if len(reasons) > 1 else ""
+            more = f" ({len(reasons) - 1} more files, too)" if len(reasons) > 1 else ""
             raise InTheWayError(
-                f"{self.folder / name} {reason}{more}; choose another folder with -o, or --force."
+                f"{self.folder / name} is in the way: {reason}{more}. Choose another folder with "
+                f"-o, or --force to write there all the same."
             )
         held = manifest.get(self.kind, _NOTHING)["of"]
         if any(os.path.lexists(self.folder / name) for name in known):

@@ -16,6 +16,7 @@ import typer
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from gpuspec.files import Outputs
     from gpuspec.station import Station
 
 StationArgument = Annotated[Path, typer.Argument(help="Station file (TOML).")]
@@ -102,6 +103,13 @@ def counted(total: int) -> Iterator[Any]:
     with bar:
         task = bar.add_task("starting", total=total)
         yield lambda text, done, of: bar.update(task, description=text, completed=done, total=of)
+
+
+def note_space(*outputs: Outputs) -> None:
+    """Say on the error stream, before the work, what will take much of the disk."""
+    for note in (one.space.note for one in outputs if one.space):
+        if note:
+            console(stderr=True).print(f"note: {note}", soft_wrap=True)
 
 
 def show_warnings_as_notes() -> None:

@@ -294,7 +294,7 @@ def test_force_replaces_another_station_file_only(gpuspec_):
     Path("notes.txt").write_text("mine", encoding="utf-8")
     command = "simulate", "s.toml", "-o", ".", "--no-pictures", "--backend", "numpy"
     told = said(gpuspec_(*command))
-    assert "station.toml was not written by gpuspec, and a run would replace it" in told
+    assert "station.toml is in the way: it is not known to be of an earlier run" in told
     assert names(Path()) == {"s.toml", "station.toml", "notes.txt"}
     assert gpuspec_(*command, "--force").code == 0
     assert gpuspec_(*command).code == 0  # from now on they are its own

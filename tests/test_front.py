@@ -454,6 +454,6 @@ def test_a_front_keeps_the_users_files(gpuspec_: Command, swept: dict[str, RunFo
     Path("out").mkdir()
     Path("out/front.png").write_text("mine", encoding="utf-8")
     command = "front", swept["axis"].path, "--no-pictures", "-o", "out"
-    assert "out/front.png was not written by gpuspec" in said(gpuspec_(*command))
+    assert "out/front.png is in the way" in said(gpuspec_(*command))
     assert gpuspec_(*command, "--force").code == 0
     assert Path("out/front.png").read_text("utf-8") == "mine"

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commandline import STATION
+from commandline import STATION, content, said
 
 from gpuspec.errors import OutputError, StationError
 from gpuspec.inspection import simulate
@@ -188,3 +188,20 @@ def test_it_finds_the_known_optimum_of_a_station_in_a_hundredth_of_its_grid(open
 def test_the_command_line_starts_without_optuna():
     code = "import sys; sys.modules['optuna'] = None; import gpuspec.sweeps.optimise_command"
     assert subprocess.run([sys.executable, "-c", code], cwd=Path.cwd()).returncode == 0
+
+
+def test_a_search_keeps_the_users_files(gpuspec_, monkeypatch):
+    command = ("optimise", "s.toml", "--vary", "tunnel.dark_mm=2:24", "--trials", 3, "--seed", 1)
+    assert gpuspec_(*command).code == 0
+    assert gpuspec_(*command).code == 0
+    Path("optimum/trials.csv").write_text("mine", encoding="utf-8")
+    before = content(Path())
+    with monkeypatch.context() as patch:
+        patch.setattr(module, "tried", lambda *_, **__: pytest.fail("work was begun"))
+        told = said(gpuspec_(*command, "--trials", 4))
+        assert "optimum/trials.csv is in the way: it was changed since gpuspec wrote it" in told
+        for more in ((), ("--force",)):
+            told = said(gpuspec_(*command, "-o", "new", "--write", "./s.toml", *more))
+            assert "s.toml is read here, and would be replaced" in told
+    assert content(Path()) == before
+    assert gpuspec_(*command, "--force").code == 0

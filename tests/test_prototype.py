@@ -270,7 +270,7 @@ def test_a_glance_never_replaces_a_whole_run(tmp_path):
     assert shown("-o", "out", cwd=tmp_path).code == 0
     before = content(tmp_path / "out")
     told = glanced(tmp_path, "-o", "out", until_saved=tmp_path / "never")
-    assert "out/score.json belongs to a run, and a glance would replace it" in told
+    assert "out/score.json is in the way: it belongs to a run" in told
     assert "watching" not in told
     assert content(tmp_path / "out") == before
     picture = tmp_path / "watch" / "detection.png"
@@ -295,9 +295,7 @@ def test_a_sequence_is_a_gif_or_a_folder(tmp_path):
 
 def test_a_sequence_replaces_only_an_earlier_one(tmp_path):
     (tmp_path / "look.gif").write_text("mine", encoding="utf-8")
-    assert "look.gif was not written by gpuspec" in said(
-        shown("--frames", "look.gif", cwd=tmp_path)
-    )
+    assert "look.gif is in the way" in said(shown("--frames", "look.gif", cwd=tmp_path))
     assert names(tmp_path) == {"look.gif", "s.toml"}
     assert shown("--frames", "look.gif", "--force", cwd=tmp_path).code == 0
     assert shown("--frames", "other.GIF", cwd=tmp_path).code == 0

@@ -19,7 +19,7 @@ from tolerances import (
     SIGNATURE_IMAGES,
 )
 
-from gpuspec.errors import StationError
+from gpuspec.errors import OutputError, StationError
 from gpuspec.files import MANIFEST
 from gpuspec.inspection import simulate
 from gpuspec.parameters import MATERIALS
@@ -446,6 +446,35 @@ def test_studies_share_a_folder_and_replace_only_their_own(gpuspec_):
     after = results()
     assert set(after) == {*before, *files("signature"), *files("coverage")}
     assert all(after[name] == before[name] for name in before)
+
+
+def test_a_study_keeps_the_users_files(gpuspec_, monkeypatch):
+    Path("study").mkdir()
+    Path("study/coverage.csv").write_text("mine", encoding="utf-8")
+    Path("height.toml").write_text(STATION, encoding="utf-8")
+    with monkeypatch.context() as patch:
+        patch.setattr(coverage, "study", lambda *_: pytest.fail("work was begun"))
+        told = said(gpuspec_("study", "coverage", "s.toml"))
+        assert "study/coverage.csv is in the way: it is not known to be of an earlier" in told
+    for more in ((), ("--force",)):
+        assert "height.toml is read here" in said(
+            gpuspec_("study", "height", "height.toml", "-o", ".", *more)
+        )
+    assert content(Path("study")) == {"coverage.csv": b"mine"}
+    assert gpuspec_("study", "coverage", "s.toml", "--force").code == 0
+    assert gpuspec_("study", "coverage", "s.toml").code == 0
+
+
+def test_an_outcome_is_written_by_the_same_rules(small, tmp_path):
+    found = height.study(small)
+    found.write(tmp_path)
+    found.write(tmp_path)
+    (tmp_path / "height.csv").write_text("mine", encoding="utf-8")
+    with pytest.raises(OutputError, match=r"height\.csv is in the way: it was changed since"):
+        found.write(tmp_path)
+    found.write(tmp_path, force=True)
+    with pytest.raises(OutputError, match="has no name"):
+        found.write("")
 
 
 def test_a_study_takes_a_dent_and_changes(gpuspec_):
