@@ -9,6 +9,7 @@ import json
 import os
 import platform
 import shutil
+import stat
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
@@ -181,7 +182,7 @@ class Outputs:
                 shutil.rmtree(partial, ignore_errors=True)
 
     def _check_folder(self) -> None:
-        for name in self.names:
+        for name in (*self.names, MANIFEST):
             self._check_place(self.folder / name)
         if not self.force:
             self._check_known()
@@ -353,10 +354,17 @@ def check_new(path: Path, *, force: bool = False, inputs: Iterable[Path] = ()) -
     Raises
     ------
     OutputError
-        If something of this name is there.
+        If something of this name is there, or the file could not be written.
     """
-    if not os.path.lexists(path):
-        return
+    with _told_of(path):
+        if not stat.S_ISDIR(path.parent.stat().st_mode):
+            raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
+        if not os.access(path.parent, os.W_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+        try:
+            path.lstat()
+        except FileNotFoundError:
+            return
     if path.is_dir():
         raise OutputError(f"{path} is a folder; name a file in it.")
     if any(_same(path, one) for one in inputs):
@@ -375,20 +383,17 @@ def write_new(
     OutputError
         If it exists, or cannot be written.
     """
+    check_new(path, force=force, inputs=inputs)
     partial: Path | None = None
     try:
-        check_new(path, force=force, inputs=inputs)
-        with tempfile.NamedTemporaryFile(
-            "w", prefix=".gpuspec-", dir=path.parent, delete=False, encoding="utf-8"
-        ) as file:
-            partial = Path(file.name)
-            file.write(text)
-        partial.chmod(0o644)
-        partial.replace(path)
-    except OSError as error:
-        raise OutputError(
-            f"{path} cannot be written: {error.strerror or error}; choose another place."
-        ) from None
+        with _told_of(path):
+            with tempfile.NamedTemporaryFile(
+                "w", prefix=".gpuspec-", dir=path.parent, delete=False, encoding="utf-8"
+            ) as file:
+                partial = Path(file.name)
+                file.write(text)
+            partial.chmod(0o644)
+            partial.replace(path)
     finally:
         if partial is not None:
             partial.unlink(missing_ok=True)
@@ -475,6 +480,17 @@ def _told(folder: Path) -> Iterator[None]:
         raise OutputError(
             f"results cannot be written to {folder}: {reason}. Free some space or choose another "
             f"folder with -o; nothing half-written was left."
+        ) from None
+
+
+@contextmanager
+def _told_of(path: Path) -> Iterator[None]:
+    """Say why one file cannot be written, and what next."""
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(
+            f"{path} cannot be written: {error.strerror or error}; choose another place."
         ) from None
 
 

@@ -203,5 +203,7 @@ def test_a_search_keeps_the_users_files(gpuspec_, monkeypatch):
         for more in ((), ("--force",)):
             told = said(gpuspec_(*command, "-o", "new", "--write", "./s.toml", *more))
             assert "s.toml is read here, and would be replaced" in told
+        told = said(gpuspec_(*command, "-o", "new", "--write", "none/best.toml"))
+        assert "none/best.toml cannot be written: No such file or directory" in told
     assert content(Path()) == before
     assert gpuspec_(*command, "--force").code == 0

@@ -8,6 +8,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -352,10 +353,13 @@ def test_a_file_in_the_way_is_named_before_any_work(tmp_path):
     assert content(tmp_path) == {"file": b"mine"}
 
 
-def test_a_folder_in_a_files_place_is_named_before_any_work(tmp_path):
-    (tmp_path / "aspect.tif").mkdir()
-    with pytest.raises(OutputError, match=r"aspect\.tif is a folder"), outputs(tmp_path).writing():
-        pytest.fail("work was begun")
+@pytest.mark.parametrize("name", ["aspect.tif", MANIFEST])
+def test_a_folder_in_a_files_place_is_named_before_any_work(tmp_path, name):
+    (tmp_path / name).mkdir()
+    for force in (False, True):
+        forced = replace(outputs(tmp_path), force=force)
+        with pytest.raises(OutputError, match=f"{name} is a folder"), forced.writing():
+            pytest.fail("work was begun")
 
 
 def test_what_a_dead_run_left_is_removed_and_a_living_ones_kept(tmp_path):
