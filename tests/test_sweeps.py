@@ -569,6 +569,16 @@ def test_a_damaged_line_of_checksums_costs_its_designs_and_no_more(
     assert RunFolder.read(tmp_path / "run").damaged() == []
 
 
+def test_half_a_line_of_checksums_spoils_no_other(tmp_path):
+    """A process was killed while it added one."""
+    (tmp_path / "sweep.sha256").write_bytes(b"ab  designs/a\ncd  desi")
+    sums = Checksums(tmp_path)
+    sums.add(tmp_path / "designs" / "b", "cd")
+    assert Checksums(tmp_path).hold(tmp_path / "designs" / "a", "ab")
+    assert Checksums(tmp_path).hold(tmp_path / "designs" / "b", "cd")
+    assert not Checksums(tmp_path).hold(tmp_path / "designs" / "b", "ab")
+
+
 def test_a_sweep_of_before_there_were_checksums_gets_them(station, opencl, tmp_path, small_parts):
     plan = Plan.of(station, GRID)
     whole = sweep(plan, tmp_path / "run", opencl).table()
