@@ -207,11 +207,12 @@ def _run(
     station: Station, output: Path, backend: str, device: str | None, frames: bool, pictures: bool,
     force: bool,
 ) -> None:  # fmt: skip
-    from gpuspec.inspection import simulate
+    from gpuspec.inspection import check_memory, simulate
     from gpuspec.report import outputs, write_files
 
     results = outputs(station, output, frames=frames, force=force)
     results.check()
+    check_memory(station)
     note_space(results)
     with results.writing() as partial, progress() as tell:
         result = simulate(station, backend, device, tell)

@@ -182,10 +182,12 @@ class Outputs:
                 shutil.rmtree(partial, ignore_errors=True)
 
     def _check_folder(self) -> None:
-        for name in (*self.names, MANIFEST):
+        manifest = _manifest(self.folder)
+        names = dict.fromkeys((*self.names, *self._known(manifest)))
+        for name in (*names, MANIFEST):
             self._check_place(self.folder / name)
         if not self.force:
-            self._check_known()
+            self._check_known(manifest, names)
 
     def _check_place(self, path: Path) -> None:
         if path.parent != self.folder and os.path.lexists(path.parent) and not path.parent.is_dir():
@@ -197,11 +199,10 @@ class Outputs:
                 f"{path} is read here, and results would replace it; choose another folder with -o."
             )
 
-    def _check_known(self) -> None:
-        manifest = _manifest(self.folder)
+    def _check_known(self, manifest: Mapping[str, Any], names: Iterable[str]) -> None:
         known = self._known(manifest)
         reasons: dict[str, str] = {}
-        for name in dict.fromkeys((*self.names, *known)):
+        for name in names:
             path = self.folder / name
             if not os.path.lexists(path):
                 continue

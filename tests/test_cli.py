@@ -527,7 +527,9 @@ def test_a_stopped_run_leaves_nothing_behind(folder, long_run, number, backend):
     out, err = process.communicate(timeout=60)
     assert process.returncode == 130
     assert out == ""
-    assert err == "stopped; nothing half-written was left.\n"
+    note, stopped = err.splitlines()
+    assert note == "note: 20,000 images of 600 x 300 pixels will take about 3.6 GB on disk."
+    assert stopped == "stopped; nothing half-written was left."
     assert content(folder) == before
     assert not hidden(folder)
 

@@ -472,6 +472,15 @@ def test_a_topography_beside_its_results_is_never_replaced(tmp_path):
             report.outputs(station, tmp_path, force=force).check()
 
 
+def test_what_an_earlier_run_kept_is_not_removed_while_it_is_read(tmp_path):
+    with Outputs(tmp_path, "run", ("a.csv", "pit.sur")).writing() as partial:
+        mine(partial, "a.csv", "pit.sur")
+    for force in (False, True):
+        again = Outputs(tmp_path, "run", ("a.csv",), (tmp_path / "pit.sur",), force=force)
+        with pytest.raises(OutputError, match=r"pit\.sur is read here"), again.writing():
+            pytest.fail("work was begun")
+
+
 def test_a_file_that_comes_while_the_work_is_done_costs_neither_it_nor_the_results(tmp_path):
     for number in (2, 3):
         with (
