@@ -129,7 +129,7 @@ def _relocated(station: Station, places: Mapping[str, str]) -> Station:
     for table in (data["part"].get("relief"), *data["defects"]):
         for key in ("file", "zone_file"):
             if table and key in table:
-                table[key] = places[table[key]]
+                table[key] = places.get(table[key], table[key])
     return Station.from_dict(data, station.file)
 
 
