@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.backends import BESIDE, Backend, DeviceInfo, Image, LightMap
+from gpuspec.cautions import assumptions, cautions
 from gpuspec.classification import DEFAULT_RULES, ClassRule, Confusion, classify, confusion
 from gpuspec.devices import open_backend
 from gpuspec.errors import StationError
@@ -77,6 +78,7 @@ class Result:
         For single images: ``result.light_map.image(k)``.
     relief : Relief
     warnings : tuple of str
+        What to know before trusting the score, see :mod:`gpuspec.cautions`.
     """
 
     station: Station
@@ -116,6 +118,11 @@ class Result:
     def flawless_dn(self) -> float:
         """Median grey level of the part, DN."""
         return self.inspection.flawless_dn
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What is taken as ideal."""
+        return assumptions(self.station)
 
     @cached_property
     def valid(self) -> NDArray[np.bool_]:
@@ -209,7 +216,11 @@ class Traced:
         table = confusion(kinds, truth.labels, found.labels, found.classes)
         return Result(
             station, self.info, aspect, self.lost, truth.labels, truth.defects, found, scored,
-            table, light_map, self.relief, tuple(cautions(station, truth, scored, found.threshold)),
+            table, light_map, self.relief,
+            cautions(
+                station, self.relief, truth, self.lost, light_map, aspect, found.labels,
+                found.threshold, scored,
+            ),
         )  # fmt: skip
 
 
@@ -337,52 +348,3 @@ def _available_bytes() -> int:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (OSError, ValueError, AttributeError):
         return 2**63
-
-
-def cautions(station: Station, truth: Truth, scored: Score, threshold: float) -> list[str]:
-    """Return what a user should know before trusting the score, a sentence each."""
-    said = []
-    rule = station.segmentation
-    sizes = [_zone_area(defect) for defect in truth.defects]
-    if sizes and rule.min_area_mm2 > min(sizes):
-        small = sum(size < rule.min_area_mm2 for size in sizes)
-        said.append(
-            f"segmentation.min_area_mm2 = {rule.min_area_mm2:g} may swallow {small} of "
-            f"{len(sizes)} defects: the smallest zone has {min(sizes):.2g} mm2."
-        )
-    if scored.unseen:
-        said.append(
-            f"{scored.unseen} of {scored.defects} defects have no pixel of their own in the image: "
-            f"outside the field, smaller than camera.sampling_mm, or under another."
-        )
-    if station.sensor.exposure <= 1 and station.sequence.fusion == "mean":
-        said.append(
-            f"sensor.exposure = {station.sensor.exposure:g} does not saturate the sensor: the mean "
-            f"over a whole period then has no contrast."
-        )
-    periods = station.sequence.images * station.step_mm / station.tunnel.period_mm
-    if station.distinct_shifts is None:
-        said.append(
-            f"the {station.sequence.images} images cover {periods:.3g} periods of the stripes: the "
-            f"flawless level is even only over whole periods."
-        )
-    if threshold >= station.sensor.full_scale_dn:
-        said.append(
-            f"the automatic threshold, {threshold:.0f} DN, is beyond full scale and detects "
-            f"nothing: the flawless level is too uneven over the part."
-        )
-    if station.tunnel.opening_length_mm:
-        share = 1 - station.tunnel.top_mm / station.camera.height_mm
-        view = [share * size for size in (station.part.length_mm, station.part.width_mm)]
-        opening = station.tunnel.opening_length_mm, station.tunnel.opening_width_mm
-        if opening[0] < view[0] or opening[1] < view[1]:
-            said.append(
-                f"the camera opening of {opening[0]:g} x {opening[1]:g} mm is smaller than the "
-                f"camera's view through the tunnel's top, {view[0]:.3g} x {view[1]:.3g} mm; the "
-                f"tunnel is taken as transparent to the camera itself."
-            )
-    return said
-
-
-def _zone_area(defect: KnownDefect) -> float:
-    return math.pi * (defect.size_mm / 2) ** 2 + defect.size_mm * defect.length_mm

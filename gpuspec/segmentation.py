@@ -8,13 +8,22 @@ paper does not say how its threshold is chosen; the rule of `automatic_threshold
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage  # type: ignore[import-untyped, unused-ignore]
 
-__all__ = ["automatic_threshold", "check_label_image", "check_mask", "flawless_level", "segment"]
+__all__ = [
+    "Margins",
+    "automatic_threshold",
+    "check_label_image",
+    "check_mask",
+    "flawless_level",
+    "segment",
+    "threshold_margins",
+]
 
 GreyLevels = npt.NDArray[np.floating[Any] | np.integer[Any]]
 LabelImage = npt.NDArray[np.integer[Any]]
@@ -30,6 +39,29 @@ so that backends that differ by a float's rounding take the same."""
 MARGIN = 0.1
 """Share of one image left for its noise: 7 sigma of the shot noise of 5,000 electrons. Float32 sums
 add 2e-4 of it at most (images² · 2⁻²⁴ while one image is above the floor, images < 50)."""
+
+
+@dataclass(frozen=True)
+class Margins:
+    """What an automatic threshold is made of, in DN.
+
+    Attributes
+    ----------
+    flawless_dn : float
+        Median of the flawless surface.
+    uneven_dn, one_image_dn, floor_dn : float
+        What it must be above that: seven robust sigmas, one image, a share of full scale.
+    """
+
+    flawless_dn: float
+    uneven_dn: float
+    one_image_dn: float
+    floor_dn: float
+
+    @property
+    def threshold_dn(self) -> float:
+        """The median and the largest of them."""
+        return self.flawless_dn + max(self.uneven_dn, self.one_image_dn, self.floor_dn)
 
 
 def flawless_level(aspect: GreyLevels, valid: Mask) -> float:
@@ -89,6 +121,15 @@ def automatic_threshold(
         If the shapes disagree, no pixel is valid, a valid pixel is not a finite number, or
         `full_scale_dn` or `images` is not positive.
     """
+    margins = threshold_margins(aspect, valid, full_scale_dn=full_scale_dn, images=images)
+    step = GRID * full_scale_dn
+    return math.ceil(margins.threshold_dn / step - 1e-6) * step
+
+
+def threshold_margins(
+    aspect: GreyLevels, valid: Mask, *, full_scale_dn: float, images: int
+) -> Margins:
+    """Return what :func:`automatic_threshold` is made of; parameters and errors as there."""
     if not (np.isfinite(full_scale_dn) and full_scale_dn > 0):
         raise ValueError(f"full_scale_dn is {full_scale_dn}; it must be finite and above 0.")
     if images < 1:
@@ -99,9 +140,7 @@ def automatic_threshold(
     np.abs(pixels, out=pixels)
     robust_sigma = SIGMA_PER_MAD * float(np.median(pixels, overwrite_input=True))
     one_image = full_scale_dn / images * (1 + MARGIN)
-    threshold = median + max(7 * robust_sigma, one_image, 0.02 * full_scale_dn)
-    step = GRID * full_scale_dn
-    return math.ceil(threshold / step - 1e-6) * step
+    return Margins(median, 7 * robust_sigma, one_image, 0.02 * full_scale_dn)
 
 
 def segment(

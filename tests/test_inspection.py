@@ -294,61 +294,6 @@ def test_what_sees_the_light_need_not_be_known(result: Result):
     assert unknown.threshold == none.threshold == result.threshold
 
 
-# ------------------------------------------------------------------------------------- cautions
-
-
-def cautions(chosen: Station, backend) -> str:
-    said = simulate(chosen, backend).warnings
-    for sentence in said:
-        assert sentence.endswith(".")
-        assert "\n" not in sentence
-    return " ".join(said)
-
-
-def test_a_sound_station_calls_for_no_caution(result: Result):
-    assert result.warnings == ()
-
-
-CAUTIONS: dict[str, tuple[dict[str, Any], str]] = {
-    "least area above a defect": (
-        {"segmentation.min_area_mm2": 2.0},
-        r"min_area_mm2 = 2 may swallow 1 of 1 defects: the smallest zone has 1\.1 mm2\.",
-    ),
-    "defect outside the image": (
-        {"camera.columns": 20, "camera.rows": 10},
-        r"1 of 1 defects have no pixel of their own",
-    ),
-    "no saturation": ({"sensor.exposure": 1.0}, r"sensor\.exposure = 1 does not saturate"),
-    "open period": (
-        {"sequence.images": 10, "sequence.step_mm": 1.0},
-        r"the 10 images cover 0\.625 periods",
-    ),
-    "narrow opening": (
-        {"tunnel.opening_length_mm": 20.0, "tunnel.opening_width_mm": 30.0},
-        r"opening of 20 x 30 mm is smaller than .* tunnel's top, 32\.5 x 16\.2 mm",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", CAUTIONS)
-def test_what_spoils_a_score_is_said(opencl, name: str):
-    changes, says = CAUTIONS[name]
-    assert re.search(says, cautions(one_dent(**changes), opencl))
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"segmentation.min_area_mm2": 1.0},
-        {"sensor.exposure": 1.0, "sequence.fusion": "std"},
-        {"sequence.images": 20, "sequence.step_mm": 1.6},
-        {"tunnel.opening_length_mm": 33.0, "tunnel.opening_width_mm": 17.0},
-    ],
-)
-def test_what_spoils_nothing_is_not_said(opencl, changes: dict[str, Any]):
-    assert cautions(one_dent(**changes), opencl) == ""
-
-
 # --------------------------------------------------------------------------------------- memory
 
 
