@@ -260,7 +260,7 @@ def of_light(station: Station, lost: NDArray[np.uint8], truth: Truth | None = No
     if said and truth is not None and dark < part:
         hidden = _hidden(truth, lost)
         if hidden:
-            said[-1] += f" {hidden} of {len(truth.defects)} defects lie wholly in the dark."
+            said[-1] += f" {hidden} of {len(truth.defects)} defects lie in the dark."
     if dark == part and not said:
         said.append("no pixel of the part sees any light; lost.png shows why.")
     return said
@@ -269,13 +269,14 @@ def of_light(station: Station, lost: NDArray[np.uint8], truth: Truth | None = No
 def _why_lost(station: Station, reason: int) -> str:
     part, tunnel = station.part, station.tunnel
     if reason == _OPENING:
+        size = tunnel.opening_length_mm, tunnel.opening_width_mm
         view = _view_mm(station)
-        return (
-            f"it reflects the camera opening of {tunnel.opening_length_mm:g} x "
-            f"{tunnel.opening_width_mm:g} mm; the camera's own view needs {view[0]:.3g} x "
-            f"{view[1]:.3g} mm. Make tunnel.opening_length_mm and tunnel.opening_width_mm smaller, "
-            f"or raise the tunnel."
+        way = (
+            f"make it smaller, the camera's own view needs {view[0]:.3g} x {view[1]:.3g} mm"
+            if size[0] > view[0] and size[1] > view[1]
+            else "a tunnel whose top is nearer to the camera needs a smaller one"
         )
+        return f"it reflects the camera opening of {size[0]:g} x {size[1]:g} mm; {way}."
     crown = [f"part.crown_radius_{axis}_mm" for axis in "xy"
              if getattr(part, f"crown_radius_{axis}_mm")]  # fmt: skip
     relief = "part.relief" if part.relief else "the defects' depth_um"

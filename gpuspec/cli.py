@@ -30,6 +30,7 @@ from gpuspec.terminal import (
     console,
     folder,
     note_space,
+    print_notes,
     progress,
     show_warnings_as_notes,
     standard_output,
@@ -133,6 +134,7 @@ def prototype(
             f"{score['defects']} defects hit, {score['false_blobs']} false blobs; "
             f"{rendered.seconds:.2f} s, results in {where}"
         )
+        print_notes(rendered.summary["warnings"])
         if rendered.faulty:
             print(
                 f"note: {light.file} gave NaN or values outside [0, 1] in {rendered.faulty:.1%} of "
@@ -255,8 +257,9 @@ def _summarise(result: Result, output: Path, chosen: bool) -> None:
         confusion.add_row(row, *map(str, counts))
     if score.defects or score.blobs:
         out.print(confusion)
-    for warning in result.warnings:
-        out.print(Text.assemble(("note: ", "yellow"), warning))
+    print_notes(result.warnings)
+    for assumed in result.assumptions:
+        out.print(Text.assemble(("assumed: ", "dim"), assumed), soft_wrap=True)
     out.print(Text.assemble("results in ", (str(output), "bold")), soft_wrap=True)
 
 

@@ -20,6 +20,7 @@ from gpuspec.measures import measure_blobs
 from gpuspec.page import (
     GREY,
     MARGIN,
+    NOTES,
     SKY,
     VERMILION,
     WIDTH,
@@ -92,7 +93,9 @@ def detection_picture(result: Result) -> Figure:
             (height + 30) * per_row / DETAILS - caption,
         )
     bottom = details_top + math.ceil(len(shown) / per_row) * (side + caption)
-    sheet = Sheet(WIDTH, max(top + height + 84, bottom + 10))
+    foot = NOTES * bool(result.warnings)
+    sheet = Sheet(WIDTH, max(top + height + 84, bottom + 10) + foot)
+    sheet.notes(result.warnings)
     p2, f1 = ("undefined" if v is None else f"{v:.3f}" for v in (score.p2, score.f1))
     sheet.heading(
         f"Detection: P1 {score.p1:.3f} (overdetection)   P2 {p2} (misdetection)   F1 {f1}",

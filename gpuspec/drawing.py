@@ -89,7 +89,7 @@ def station_drawing(station: Station, side_paths: RayPaths, front_paths: RayPath
     high = max(height, 620.0)
     sheet = Sheet(WIDTH, top + high + 60)
     sheet.heading("The station, to scale, at shift 0", essentials(station))
-    sheet.legend(_handles(side_paths, front_paths), 76)
+    sheet.legend(_handles(station, side_paths, front_paths), 76)
     left = float(MARGIN)
     for axis, (half, paths, name) in enumerate(
         zip(halves, (side_paths, front_paths), ("Side", "Front"), strict=True)
@@ -124,13 +124,14 @@ def _half_width(station: Station, axis: int, paths: RayPaths) -> float:
     return 1.15 * max(farthest, min(max(float(light), walls), FARTHEST * farthest))
 
 
-def _handles(side: RayPaths, front: RayPaths) -> list[Any]:
+def _handles(station: Station, side: RayPaths, front: RayPaths) -> list[Any]:
+    through = "" if station.tunnel.opening_length_mm else " (tunnel taken as transparent to it)"
     reasons = sorted({int(i) for paths in (side, front) for i in np.unique(paths.lost)} - {0})
     handles: list[Any] = [
         Patch(color=LUMINOUS, label="luminous stripe"),
         Patch(color=DARK, label="dark stripe"),
         Line2D([], [], color=PART, linewidth=4, label="part"),
-        Patch(color=VIEW, label="field of view"),
+        Patch(color=VIEW, label=f"field of view{through}"),
         Line2D([], [], color=SEEN, linewidth=1.2, label="ray, camera to light"),
     ]
     if reasons:

@@ -26,6 +26,7 @@ from gpuspec.detection import detection_picture
 from gpuspec.drawing import station_drawing
 from gpuspec.page import (
     MARGIN,
+    NOTES,
     VERMILION,
     WIDTH,
     Sheet,
@@ -166,7 +167,8 @@ def aspect_picture(result: Result) -> Figure:
     """
     station = result.station
     width, height = fitted(station.shape, WIDTH - 2 * MARGIN - 70, 1000)
-    sheet = Sheet(WIDTH, 106 + height + 84)
+    sheet = Sheet(WIDTH, 106 + height + 84 + NOTES * bool(result.warnings))
+    sheet.notes(result.warnings)
     sheet.heading(
         f"Aspect image: {station.sequence.fusion} of {station.sequence.images} images",
         essentials(station, result.light_map.pattern),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,7 @@ from gpuspec.station import Station
 if TYPE_CHECKING:
     from gpuspec.inspection import Result
 
+NOTES = 60  # px at the foot of a page, where something is to be known of what it shows
 DPI = 110
 WIDTH = 1500  # px, of a page
 MARGIN = 96  # px, left and right of what is drawn
@@ -58,6 +60,16 @@ class Sheet:
         self.text(MARGIN, 14, title, fontsize=13, fontweight="bold")
         for number, line in enumerate(lines):
             self.text(MARGIN, 44 + 24 * number, line, color="#404040")
+
+    def notes(self, said: Sequence[str]) -> None:
+        """Write the first note at the foot of the page, in two lines, and where the others are."""
+        if not said:
+            return
+        more = f" (1 of {len(said)} notes in score.json)" if len(said) > 1 else ""
+        text = textwrap.shorten(f"note: {said[0]}", 290 - len(more), placeholder=" …") + more
+        self.text(
+            MARGIN, self.height - NOTES + 8, "\n".join(textwrap.wrap(text, 150)), color=VERMILION
+        )
 
     def legend(self, handles: Sequence[Any], top: float) -> None:
         """Put a legend of one line under the heading."""

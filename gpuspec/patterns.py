@@ -47,7 +47,7 @@ class Pattern:
         Raises
         ------
         PatternError
-            If it is not there, not text, or defines neither function.
+            If it is not there, not text, or defines neither function or both.
         """
         path = Path(path)
         if not path.exists() and str(path) in shipped():
@@ -72,15 +72,20 @@ class Pattern:
         Raises
         ------
         PatternError
-            If it defines neither function, or reads files and versions of its own.
+            If it defines neither function or both, or reads files and versions of its own.
         """
         bare = re.sub(r"//[^\n]*|/\*.*?\*/", "", text, flags=re.DOTALL)
         for word in ("#version", "#include", "#line", "#extension"):
             if word in bare:
                 raise PatternError(f"{file}: {word} is not for a pattern; it is set around it.")
-        for kind in SIGNATURES:
-            if re.search(rf"\bfloat\s+{kind}\s*\(", bare):
-                return cls(text, file, kind)
+        kinds = [kind for kind in SIGNATURES if re.search(rf"\bfloat\s+{kind}\s*\(", bare)]
+        if len(kinds) > 1:
+            raise PatternError(
+                f"{file}: defines both `pattern`, a light, and `picture`, a whole image; only one "
+                f"can be shown: keep one, or give the other another name."
+            )
+        if kinds:
+            return cls(text, file, kinds[0])
         wanted = "\n  ".join(signature + " { ... }" for signature in SIGNATURES.values())
         raise PatternError(f"{file}: must define one of\n  {wanted}")
 

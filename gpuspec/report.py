@@ -180,6 +180,7 @@ def summary(result: Result) -> dict[str, Any]:
             for row, line in zip(result.confusion.rows, result.confusion.counts, strict=True)
         },
         "warnings": list(result.warnings),
+        "assumptions": list(result.assumptions),
     }
 
 

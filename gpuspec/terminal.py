@@ -6,7 +6,7 @@ import errno
 import io
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TextIO
@@ -72,6 +72,15 @@ def changed(station: Station, changes: list[str] | None) -> Station:
         except RecursionError:
             raise StationError(f"--set {key}: the value is nested too deeply.") from None
     return station.replace(**values) if values else station
+
+
+def print_notes(notes: Iterable[str]) -> None:
+    """Print what is to be known before a result is trusted, a line each."""
+    from rich.text import Text
+
+    out = console()
+    for note in notes:
+        out.print(Text.assemble(("note: ", "yellow"), note), soft_wrap=True)
 
 
 @contextmanager

@@ -124,6 +124,31 @@ def test_values_that_are_none_are_bounded_and_told(traced, body, value):
     assert (lit.mean() == value).all()
 
 
+@pytest.mark.parametrize(
+    ("body", "said"),
+    [
+        ("return 0.2;", ["all 40 images are the same: mine.glsl does not change with its `shift`",
+                         "the aspect image is even, 204.0 DN everywhere: under mine.glsl nothing"]),
+        ("return 0.1 + 0.05 * sin(light);", ["all 40 images are the same: mine.glsl"]),
+        ("return mod(light - shift, 4.0) < 1.0 ? 0.25 : 0.0;", []),
+    ],
+)  # fmt: skip
+def test_a_pattern_that_can_show_nothing_is_told_so(traced, body: str, said: list[str]):
+    notes = traced.result(traced.light_map.with_pattern(pattern(body))).warnings
+    notes = [note for note in notes if "mine.glsl" in note]
+    assert [note[: len(start)] for note, start in zip(notes, said, strict=True)] == said
+
+
+def test_a_pattern_is_not_told_what_is_wrong_with_stripes(traced):
+    # Of the stripes, neither exposure nor shifts would give an aspect image.
+    station = check_station(sensor__exposure=1.0, sequence__step_mm=16.0, camera__subsampling=1)
+    under = trace(station, open_backend(traced.info.backend))
+    text = "return mod(light - shift, 48.0) < 12.0 ? 1.0 : 0.0;"
+    lit = under.result(under.light_map.with_pattern(pattern(text)))
+    assert not any("images cover" in note or "does not saturate" in note for note in lit.warnings)
+    assert any("all 40 images are the same" in note for note in under.result().warnings)
+
+
 @pytest.mark.parametrize("body", ["return lihgt;", "float a = 1.0\nreturn a;"])
 def test_a_pattern_that_does_not_compile_names_the_user_s_file_and_line(traced, body):
     with pytest.raises(PatternError, match=r"(?m)^mine\.glsl:[23]: ") as told:
@@ -141,6 +166,7 @@ def test_a_pattern_on_a_backend_without_shaders_is_refused_by_name(opencl):
     [
         ("float patern(float x) { return x; }", "must define one of"),
         ("", "must define one of"),
+        (f"{HEAD} {{ return 1.0; }} float picture (vec2 a) {{ return 1.0; }}", "defines both"),
         ("// float pattern(float a)", "must define one of"),
         (f'#include "/etc/passwd"\n{HEAD} {{ return 1.0; }}', "#include is not for a pattern"),
         (f"#version 450\n{HEAD} {{ return 1.0; }}", "#version is not for a pattern"),
@@ -219,6 +245,10 @@ def test_the_command_writes_pictures_sequence_and_score(tmp_path):
     assert {"aspect.tif", "score.json", "detection.png", "pattern.glsl"} <= written
     assert "station.png" not in written
     assert Pattern.read(tmp_path / "out" / "pattern.glsl").text == Pattern.read("sinusoidal").text
+    assert "note: nothing is detected" in ran.stdout
+    dark = [*command, "--set", "tunnel.length_mm=4.0"]
+    ran = subprocess.run(dark, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert "note: 83.5 % of the part sees no light" in ran.stdout
     command[command.index("out")] = "none"
     (tmp_path / "bad.glsl").write_text(f"{HEAD} {{ return x; }}")
     command[command.index("sinusoidal")] = "bad.glsl"
