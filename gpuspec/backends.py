@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.errors import BackendError
+from gpuspec.errors import BackendError, StationError
 from gpuspec.levels import LevelCounter, Levels, Sample, Zones, levels_of
 from gpuspec.patterns import Pattern
 from gpuspec.relief import Relief
@@ -27,6 +27,8 @@ Settings = Mapping[str, Any]
 FUSIONS = ("mean", "max", "min", "std", "differential")
 LOST = ("seen", "beside the part", "down", "past the tunnel's end", "camera opening")
 BESIDE = 1
+LIGHT = (("tunnel", "luminous_mm"), ("tunnel", "dark_mm"), ("tunnel", "dark_leak"))
+"""Sections and keys that leave a light map as it is, beside the sensor's and the sequence's."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,8 @@ class LightMapArrays:
 class LightMap(ABC):
     """A traced station. Stripes, sequence and sensor may change without tracing again.
 
-    Every method takes a station of the same geometry, or the traced one if None.
+    Every method takes a station of the same geometry, or the traced one if None. Another geometry
+    is refused with a StationError.
     """
 
     station: Station
@@ -96,6 +99,41 @@ class LightMap(ABC):
         """Return the share of a pattern's samples, in some images, that are no radiance."""
         return 0.0
 
+    def lit_by(self, station: Station | None) -> Station:
+        """Return the station to take images of: the one given, or the traced one if None.
+
+        Raises
+        ------
+        StationError
+            If it has another geometry than the traced one.
+        """
+        if station is None or station is self.station:
+            return self.station
+        differ = _differing(self.station, station)
+        if differ:
+            raise StationError(
+                f"{station.file}: {differ}, and a light map holds for one geometry alone; trace "
+                f"the station anew, e.g. by gpuspec.simulate."
+            )
+        return station
+
+    def image_number(self, k: int, station: Station) -> int:
+        """Return k, checked to be one of the sequence's images.
+
+        Raises
+        ------
+        StationError
+            If it is none.
+        """
+        images = station.sequence.images
+        whole = hasattr(k, "__index__") and not isinstance(k, (bool, np.bool_))
+        if not whole or not 0 <= k < images:
+            raise StationError(
+                f"{station.file}: there is no image {k!r}; sequence.images = {images}, numbered "
+                f"0 to {images - 1}."
+            )
+        return int(k)
+
     @abstractmethod
     def read(self) -> LightMapArrays:
         """Bring the light map home."""
@@ -106,7 +144,13 @@ class LightMap(ABC):
 
     @abstractmethod
     def image(self, k: int, station: Station | None = None) -> Image:
-        """Return image k of the sequence in DN, shape (M, N)."""
+        """Return image k of the sequence, from 0, in DN, shape (M, N).
+
+        Raises
+        ------
+        StationError
+            If there is no such image, or the station has another geometry.
+        """
 
     @abstractmethod
     def mean(self, station: Station | None = None) -> Image:
@@ -138,7 +182,7 @@ class LightMap(ABC):
         That is the closed form of the mean where the model allows it (`has_closed_form`), else
         the images one by one.
         """
-        station = station or self.station
+        station = self.lit_by(station)
         if station.sequence.fusion != "mean":
             return self.fuse(station)[station.sequence.fusion]
         if self.pattern is None and has_closed_form(station):
@@ -157,9 +201,27 @@ class _ImageCounter:
         """See :meth:`gpuspec.levels.LevelCounter.count`."""
         found = Levels.empty(len(stations), len(self.zones.sizes))
         for i, station in enumerate(stations):
-            image = self.light_map.aspect(station)
+            # The sweep sees to the geometry; seeds of another part are not another one.
+            own = {name: getattr(station, name) for name in ("tunnel", "sensor", "sequence")}
+            image = self.light_map.aspect(self.light_map.station.model_copy(update=own))
             found.put(np.array([i]), levels_of(image, self.zones, station.sensor.full_scale_dn))
         return found
+
+
+def _differing(traced: Station, station: Station) -> str:
+    """Return what of the geometry differs, with both values; "" if nothing does."""
+    for name in ("part", "camera", "tunnel"):
+        old, new = getattr(traced, name), getattr(station, name)
+        if old is new:
+            continue
+        for key in type(old).model_fields:
+            was, now = getattr(old, key), getattr(new, key)
+            if was != now and (name, key) not in LIGHT:
+                return f"{name}.{key} is {now} and was {was} when it was traced"
+    for name in ("defects", "populations"):
+        if getattr(traced, name) != getattr(station, name):
+            return f"its {name} are others than those traced"
+    return ""
 
 
 class Backend(ABC):

@@ -436,14 +436,16 @@ class NumpyLightMap(LightMap):
         return grey_level(station.sensor.exposure * signal, station, k, column, row)
 
     def _by_band(self, work: Callable[[slice, Station], Array], station: Station | None) -> Image:
+        station = self.lit_by(station)
         out = np.empty(self.station.shape, np.float32)
         for band in self._bands():
-            out[band] = work(band, station or self.station)
+            out[band] = work(band, station)
         return out
 
     def image(self, k: int, station: Station | None = None) -> Image:
         """See :meth:`LightMap.image`."""
-        return self._by_band(lambda band, s: self._grey(band, k, s), station)
+        number = self.image_number(k, self.lit_by(station))
+        return self._by_band(lambda band, s: self._grey(band, number, s), station)
 
     def mean(self, station: Station | None = None) -> Image:
         """See :meth:`LightMap.mean`."""
@@ -456,7 +458,7 @@ class NumpyLightMap(LightMap):
 
     def fuse(self, station: Station | None = None) -> dict[str, Image]:
         """See :meth:`LightMap.fuse`."""
-        s = station or self.station
+        s = self.lit_by(station)
         fused = {name: np.empty(self.station.shape, np.float32) for name in FUSIONS}
         images, lag, pairs = s.sequence.images, s.sequence.lag, differential_pairs(s)
         for band in self._bands():

@@ -91,10 +91,11 @@ class TiledLightMap(LightMap, Generic[Tile]):
             yield self.trace_tile(first, rows), slice(first, first + rows)
 
     def _made(self, what: str, station: Station | None, planes: int = 1, k: int = 0) -> list[Image]:
+        station = self.lit_by(station)
         images = np.empty((planes, *self.station.shape), np.float32)
         with self.failures():
             for tile, band in self.bands():
-                self.run_tile(tile, what, station or self.station, k, images[:, band])
+                self.run_tile(tile, what, station, k, images[:, band])
         return list(images)
 
     def read(self) -> LightMapArrays:
@@ -119,7 +120,8 @@ class TiledLightMap(LightMap, Generic[Tile]):
 
     def image(self, k: int, station: Station | None = None) -> Image:
         """See :meth:`LightMap.image`."""
-        return self._made("image", station, k=k)[0]
+        station = self.lit_by(station)
+        return self._made("image", station, k=self.image_number(k, station))[0]
 
     def mean(self, station: Station | None = None) -> Image:
         """See :meth:`LightMap.mean`."""

@@ -10,6 +10,7 @@ from scenes import check_station
 from tolerances import CREASE_FLIPS, DEVICE_DN, FOOTPRINT_SHARE, IMAGE_DN, LIGHT_MM, LOST_FLIPS
 
 from gpuspec.backends import Backend
+from gpuspec.errors import StationError
 from gpuspec.reference import NumpyBackend
 from gpuspec.station import Station
 
@@ -168,3 +169,49 @@ def test_a_lost_pixel_is_dark(backend):
     assert lost.any()
     assert (light_map.aspect()[lost] == 0).all()
     assert (light_map.read().irradiance[:, lost] == 0).all()
+
+
+ANOTHER_GEOMETRY: dict[str, tuple[dict[str, Any], str]] = {
+    "tunnel": ({"tunnel.height_mm": 100.0}, "tunnel.height_mm is 100.0 and was 150.0 when it was"),
+    "camera": ({"camera.pupil_mm": 0.0}, "camera.pupil_mm is 0.0 and was 3.0"),
+    "image": ({"camera.columns": 30}, "camera.columns is 30 and was 32"),
+    "part": ({"part.material": "gold"}, "part.material is gold and was ideal"),
+    "defects": ({"defects[1].depth_um": 9.0}, "its defects are others than those traced"),
+}
+
+
+@pytest.mark.parametrize("name", ANOTHER_GEOMETRY)
+def test_a_light_map_takes_no_station_of_another_geometry(backend: Backend, name: str):
+    changes, told = ANOTHER_GEOMETRY[name]
+    light_map = backend.trace(check_station())
+    other = check_station(**changes)
+    for take in (
+        light_map.aspect, light_map.mean, light_map.fuse, light_map.closed_form,
+        lambda station: light_map.image(0, station),
+    ):  # fmt: skip
+        with pytest.raises(StationError, match=told):
+            take(other)
+
+
+def test_a_light_map_takes_other_stripes_sensors_and_sequences(backend: Backend):
+    light_map = backend.trace(check_station())
+    other = check_station(
+        tunnel__luminous_mm=2.0, tunnel__dark_mm=5.0, tunnel__dark_leak=0.1, sequence__images=7,
+        sensor__exposure=2.0, segmentation__threshold=80.0,
+    )  # fmt: skip
+    assert np.abs(light_map.aspect(other) - backend.trace(other).aspect()).max() < DEVICE_DN
+
+
+@pytest.mark.parametrize("k", [40, 1000, -1, 2.5, 2.0, True, "3", None], ids=repr)
+def test_an_image_that_is_not_there_is_not_given(backend: Backend, k: Any):
+    light_map = backend.trace(check_station())
+    with pytest.raises(StationError, match=r"there is no image .*images = 40, numbered 0 to 39"):
+        light_map.image(k)
+
+
+def test_images_are_those_of_the_station_asked_for_numpy_integers_are_numbers(backend: Backend):
+    light_map = backend.trace(check_station())
+    assert np.array_equal(light_map.image(np.int64(7)), light_map.image(7))
+    light_map.image(79, check_station(sequence__images=80))
+    with pytest.raises(StationError, match=r"no image 8; sequence\.images = 8"):
+        light_map.image(8, check_station(sequence__images=8))

@@ -11,12 +11,13 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 import numpy as np
 from pydantic import BaseModel
 
+from gpuspec.backends import LIGHT
 from gpuspec.defects import Distribution
 from gpuspec.errors import StationError
 from gpuspec.station import Station, places
 
 DESIGN_SECTIONS = ("sensor", "sequence")
-DESIGN_KEYS = ("tunnel.luminous_mm", "tunnel.dark_mm", "tunnel.dark_leak")
+DESIGN_KEYS = tuple(f"{section}.{key}" for section, key in LIGHT)
 """Keys that leave the light map as it is."""
 
 VALUES_MAX = 1_000_000

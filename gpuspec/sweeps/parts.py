@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.backends import BESIDE, Backend
+from gpuspec.backends import BESIDE, LIGHT, Backend
 from gpuspec.inspection import check_memory
 from gpuspec.levels import LevelCounter, Levels, Sample, Zones
 from gpuspec.relief import Relief
@@ -197,6 +197,6 @@ def _key(station: Station, without: tuple[str, ...]) -> str:
 def _geometry(station: Station) -> str:
     """Return what a light map depends on, as text."""
     tunnel: dict[str, Any] = station.tunnel.model_dump(
-        exclude={"luminous_mm", "dark_mm", "dark_leak"}
+        exclude={key for section, key in LIGHT if section == "tunnel"}
     )
     return json.dumps(tunnel) + _key(station, ("tunnel", "sensor", "sequence"))
