@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -191,20 +192,25 @@ def of_stripes(station: Station) -> list[str]:
             f"flawless level is even only over whole periods. Leave sequence.step_mm out, or "
             f"choose images and step so that they fill whole ones."
         )
-    most = station.sensor.exposure * _reflectance(station)
-    if most <= 1 and sequence.fusion == "mean":
-        exposure = f"sensor.exposure = {station.sensor.exposure:g}"
-        if most < station.sensor.exposure:
-            exposure += f", of which {station.part.material} reflects {_reflectance(station):.0%},"
-        said.append(
-            f"{exposure} does not saturate the sensor: the mean over a whole period then has no "
-            f"contrast. Take {2 / _reflectance(station):.2g} to {4 / _reflectance(station):.2g}."
-        )
+    said += _unsaturated(station)
     return said
 
 
-def _reflectance(station: Station) -> float:
-    return float(fresnel_reflectance(np.ones(1), *MATERIALS[station.part.material])[0])
+def _unsaturated(station: Station) -> list[str]:
+    material, exposure = station.part.material, station.sensor.exposure
+    reflected = _reflected(material)
+    if exposure * reflected > 1 or station.sequence.fusion != "mean":
+        return []
+    dull = f", of which {material} reflects {reflected:.0%}," if reflected < 1 else ""
+    return [
+        f"sensor.exposure = {exposure:g}{dull} does not saturate the sensor: the mean over a whole "
+        f"period then has no contrast. Take {2 / reflected:.2g} to {4 / reflected:.2g}."
+    ]
+
+
+@cache
+def _reflected(material: str) -> float:
+    return float(fresnel_reflectance(np.ones(1), *MATERIALS[material])[0])
 
 
 def _of_pattern(light_map: LightMap, lit: Mask, aspect: Image) -> list[str]:

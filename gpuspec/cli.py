@@ -30,6 +30,7 @@ from gpuspec.terminal import (
     console,
     folder,
     note_space,
+    print_assumptions,
     print_notes,
     progress,
     show_warnings_as_notes,
@@ -135,6 +136,7 @@ def prototype(
             f"{rendered.seconds:.2f} s, results in {where}"
         )
         print_notes(rendered.summary["warnings"])
+        print_assumptions(rendered.summary["assumptions"])
         if rendered.faulty:
             print(
                 f"note: {light.file} gave NaN or values outside [0, 1] in {rendered.faulty:.1%} of "
@@ -258,8 +260,7 @@ def _summarise(result: Result, output: Path, chosen: bool) -> None:
     if score.defects or score.blobs:
         out.print(confusion)
     print_notes(result.warnings)
-    for assumed in result.assumptions:
-        out.print(Text.assemble(("assumed: ", "dim"), assumed), soft_wrap=True)
+    print_assumptions(result.assumptions)
     out.print(Text.assemble("results in ", (str(output), "bold")), soft_wrap=True)
 
 

@@ -83,6 +83,15 @@ def print_notes(notes: Iterable[str]) -> None:
         out.print(Text.assemble(("note: ", "yellow"), note), soft_wrap=True)
 
 
+def print_assumptions(assumed: Iterable[str]) -> None:
+    """Print what is taken as ideal, a line each."""
+    from rich.text import Text
+
+    out = console()
+    for one in assumed:
+        out.print(Text.assemble(("assumed: ", "dim"), one), soft_wrap=True)
+
+
 @contextmanager
 def progress() -> Iterator[Any]:
     """Say on the terminal what is being done; silent where nobody watches."""

@@ -72,7 +72,7 @@ def rows(run: RunFolder) -> list[dict[str, Any]]:
         ("sequence.step_mm", "0.5", (0.5,)),
         ("defects[1].depth_um", "1:3:3", (1.0, 2.0, 3.0)),
         ("populations[2].width_mm", "0.2,0.4", (0.2, 0.4)),
-        ("populations[1].seed", "7,9", (7, 9)),
+        ("populations[1].count", "7,9", (7, 9)),
         ("part.crown_radius_x_mm", "500,1000", (500.0, 1000.0)),
     ],
 )
@@ -716,6 +716,41 @@ def test_sweep_prints_its_plan_and_what_to_do_next(gpuspec_: Command):
     assert Path("sweep/sweep.json").exists()
 
 
+def test_notes_are_in_the_table_where_they_are_true_and_nowhere_else(station, opencl, tmp_path):
+    grid = {"tunnel.length_mm": [10.0, 400.0], "sensor.exposure": [1.0, 4.0],
+            "sequence.step_mm": [0.2, 8.0]}  # fmt: skip
+    for row in rows(sweep(Plan.of(station, grid), tmp_path / "run", opencl)):
+        notes = row["notes"] or ""
+        assert ("of the part sees no light" in notes) == (row["tunnel.length_mm"] == 10)
+        assert ("does not saturate" in notes) == (row["sensor.exposure"] == 1)
+        assert ("all 40 images are the same" in notes) == (row["sequence.step_mm"] == 8)
+        assert (row["notes"] is None) == (notes == "")
+
+
+def test_sweep_and_front_tell_what_is_wrong_with_designs(gpuspec_: Command):
+    ran = gpuspec_("sweep", "s.toml", "--vary", "tunnel.radius_mm=60,90", "--vary",
+                   "tunnel.length_mm=6:200:4", "--set", "sensor.exposure=0.5")  # fmt: skip
+    assert ran.code == 0, ran.err
+    for words in (
+        "note: tunnel.radius_mm is varied and has no effect with tunnel.section",
+        "note: sensor.exposure = 0.5 does not saturate the sensor",
+        "note: 2 of 8 designs: 59.9 % of the part sees no light",
+        "assumed: the camera looks through the tunnel's top",
+    ):
+        assert ran.out.count(words) == 1
+    ran = gpuspec_("front", "sweep", "--no-pictures", "--p2-floor", "0")
+    assert "note: sensor.exposure = 0.5 does not saturate the sensor" in ran.out
+    chosen = json.loads(Path("sweep/front/chosen.json").read_text("utf-8"))
+    assert any("does not saturate" in note for note in chosen["notes"])
+
+
+def test_a_sound_sweep_has_no_notes(gpuspec_: Command):
+    ran = gpuspec_("sweep", "s.toml", "--vary", "tunnel.luminous_mm=1:4:4")
+    assert "note: " not in ran.out
+    assert gpuspec_("front", "sweep", "--no-pictures", "--p2-floor", "0").code == 0
+    assert json.loads(Path("sweep/front/chosen.json").read_text("utf-8"))["notes"] == []
+
+
 def test_the_plan_alone_writes_nothing(gpuspec_: Command):
     ran = gpuspec_("sweep", "s.toml", "--vary", "tunnel.luminous_mm=1:4:4", "--plan")
     assert ran.code == 0
@@ -777,6 +812,8 @@ def test_another_sweeps_folder_is_refused_before_the_plan(gpuspec_: Command):
         (["--vary", "tunnel.luminous_mm"], "write KEY=FROM:TO:COUNT"),
         (["--vary", "tunnel.lumi=1:2:3"], "did you mean luminous_mm?"),
         (["--vary", "part.surface=1,2"], "is not a number"),
+        (["--vary", "sensor.seed=1,2"], "another seed is another part or other noise, not another"),
+        (["--vary", "populations[1].seed=1:9:9"], "--parts tries every design on several parts"),
         ([], "nothing to vary; give --vary"),
         (["--vary", "tunnel.dark_mm=9:1:3"], "is reversed"),
         (["--vary", "tunnel.dark_mm=1:3:2", "--vary", "tunnel.dark_mm=5"], "stands twice"),

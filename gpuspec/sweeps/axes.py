@@ -197,6 +197,12 @@ def _takes_whole_numbers(station: Station, key: str) -> bool:
             f"{key} is not varied: a sweep scores every design at all 256 thresholds, without a "
             f"size filter."
         )
+    if places(key)[-1] == "seed":
+        raise StationError(
+            f"{key} is not varied: another seed is another part or other noise, not another "
+            f"design, and the luckiest would be chosen. --parts tries every design on several "
+            f"parts, each with seeds of its own."
+        )
     if "__" in key:
         raise StationError(f"{key} is not a known key (did you mean {key.replace('__', '.')}?).")
     found: Any = station

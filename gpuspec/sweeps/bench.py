@@ -8,11 +8,12 @@ from itertools import groupby
 import pyarrow as pa
 
 from gpuspec.backends import Backend
+from gpuspec.cautions import of_design
 from gpuspec.errors import StationError
 from gpuspec.levels import LEVELS
 from gpuspec.station import Station
 from gpuspec.sweeps.curves import Curves
-from gpuspec.sweeps.parts import Parts
+from gpuspec.sweeps.parts import Parts, TracedPart
 from gpuspec.sweeps.plan import Plan
 from gpuspec.sweeps.sampling import CONFIDENCE
 from gpuspec.sweeps.table import invalid_rows, rows
@@ -79,4 +80,10 @@ class Bench:
         curves = Curves.of(levels, parts, self._risk)
         if not curves.seen.any():
             raise StationError("no pixel of a defect's zone is in view.")
-        return rows(self.plan, list(stations), tried, curves, self.backend.info)
+        notes = [notes_of(station, parts) for station in tried]
+        return rows(self.plan, list(stations), tried, curves, self.backend.info, notes)
+
+
+def notes_of(station: Station, parts: Sequence[TracedPart]) -> str | None:
+    """Return what to know of a tried design, a line each; None: nothing."""
+    return "\n".join([*parts[0].notes, *of_design(station)]) or None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import pyarrow as pa
 import pyarrow.compute
 from numpy.typing import NDArray
 
+from gpuspec.cautions import without_effect
 from gpuspec.errors import OutputError, StationError
 from gpuspec.levels import thresholds
 from gpuspec.station import Station
@@ -141,6 +143,13 @@ class Choice:
                 "with --p2-floor, or for hits with --hit-share."
             )
         return station.replace(**{"segmentation.threshold": best.threshold_dn})
+
+    @cached_property
+    def notes(self) -> list[str]:
+        """What to know of the chosen design before trusting its score."""
+        (row,) = rows_of(self.run, [self.best.design], ("notes",)).to_pylist()
+        lines = (row["notes"] or "").splitlines()
+        return [*lines, *without_effect(self.plan.station_of(self.best.design))]
 
     def details(self) -> dict[str, Any]:
         """Return what else the chosen design's row tells.

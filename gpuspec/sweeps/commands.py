@@ -19,6 +19,8 @@ from gpuspec.terminal import (
     console,
     counted,
     extra,
+    print_assumptions,
+    print_notes,
 )
 
 if TYPE_CHECKING:
@@ -71,6 +73,7 @@ def sweep(
     """Try every design of a grid at every threshold; run again to go on where it was."""
     with extra("sweep"):
         from gpuspec.sweeps.axes import vary_options
+        from gpuspec.sweeps.notes import ideals_of_plan, of_plan, of_table
         from gpuspec.sweeps.plan import Plan
         from gpuspec.sweeps.sampling import STRATA
         from gpuspec.sweeps.store import RunFolder, check_space
@@ -94,6 +97,9 @@ def sweep(
     with _crew(plan, plan.designs - done, workers, scheduler, backend, device) as (crew, told):
         _print_plan(plan, told, done, output)
         _print_damage(there, damaged)
+        known = of_plan(plan)
+        print_notes(known)
+        print_assumptions(ideals_of_plan(plan))
         if described.segmentation != plan.station.segmentation:
             console().print(
                 "note: the station's own threshold and size filter are left out: every design is "
@@ -105,6 +111,8 @@ def sweep(
             return
         run, seconds = _swept(plan, output, crew)
     _print_end(run, plan.designs - done, seconds)
+    print_notes(of_table(run, known))
+    console().print(f"choose: gpuspec front {run.path} --write best.toml", soft_wrap=True)
 
 
 @contextmanager
@@ -201,7 +209,6 @@ def _print_end(run: RunFolder, tried: int, seconds: float) -> None:
     if invalid:
         (count, reason) = invalid
         out.print(f"note: {count:,} designs are no valid station, e.g.: {reason}", soft_wrap=True)
-    out.print(f"choose: gpuspec front {run.path} --write best.toml", soft_wrap=True)
 
 
 def _duration(seconds: float) -> str:

@@ -128,6 +128,7 @@ def _write_tables(folder: Path, choice: Choice, found: list[Line]) -> None:
         "parts": plan.parts,
         "defects": choice.defects,
         "chosen": choice.best.as_dict(),
+        "notes": choice.notes,
         "tolerated": {line.key: line.span(line.own) for line in found},
         "tolerated_at_threshold": {line.key: line.span(line.held) for line in found},
     }
@@ -237,6 +238,7 @@ def _notes(choice: Choice, lines: list[Line], there: int) -> list[str]:
         found.append(f"{invalid[0]:,} designs are no valid station, e.g.: {invalid[1]}")
     if choice.shortfall:
         found.append(choice.shortfall)
+    found += choice.notes
     alone = [line.key for line in lines if line.alone]
     if alone:
         found.append(

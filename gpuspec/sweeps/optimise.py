@@ -20,6 +20,7 @@ from gpuspec.files import Outputs, folder_of, write_new
 from gpuspec.levels import thresholds
 from gpuspec.station import Station
 from gpuspec.sweeps.axes import bounds
+from gpuspec.sweeps.bench import notes_of
 from gpuspec.sweeps.choice import Rule
 from gpuspec.sweeps.curves import Curves
 from gpuspec.sweeps.parts import Parts
@@ -123,8 +124,9 @@ def tried(plan: Plan, rule: Rule, parts: Parts, values: Values, *, step: bool) -
     at = rule.best(p1, p2, hits, defects)
     threshold = float(thresholds(station.sensor.full_scale_dn)[at])
     return Trial(
-        values, step, None, threshold, float(p1[at]), float(p2[at]), int(hits[at]), defects
-    )
+        values, step, None, threshold, float(p1[at]), float(p2[at]), int(hits[at]), defects,
+        notes_of(station, traced),
+    )  # fmt: skip
 
 
 def optimise(

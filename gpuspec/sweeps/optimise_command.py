@@ -18,6 +18,7 @@ from gpuspec.terminal import (
     changed,
     console,
     extra,
+    print_notes,
     progress,
 )
 
@@ -109,6 +110,7 @@ def optimise(
 def _print(found: Optimum, done: int, seconds: float) -> None:
     from rich.table import Table
 
+    from gpuspec.cautions import without_effect
     from gpuspec.sweeps.choice import f1_of
 
     out, best = console(), found.trials[found.best]
@@ -122,6 +124,8 @@ def _print(found: Optimum, done: int, seconds: float) -> None:
         out.print(
             f"note: {len(invalid)} trials are no valid station, e.g.: {invalid[0]}", soft_wrap=True
         )
+    tried = found.plan.station.replace(**best.values)
+    print_notes([*(best.notes or "").splitlines(), *without_effect(tried)])
     table = Table(show_header=False, box=None, title="best trial", title_justify="left")
     for key, value in best.values.items():
         table.add_row(key, f"{value:.6g}")

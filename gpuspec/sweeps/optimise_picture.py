@@ -24,13 +24,14 @@ def write_trials(path: Path, found: Optimum) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file)
         table.writerow(["trial", *keys, "how", "threshold_dn", "p1", "p2", "f1", "hits", "defects",
-                        "reason"])  # fmt: skip
+                        "reason", "notes"])  # fmt: skip
         for number, t in enumerate(found.trials, 1):
             f1 = _f1(t)
             scores = [t.threshold_dn, t.p1, t.p2, f1, t.hits, t.defects]
             table.writerow([
                 number, *(t.values[key] for key in keys), "step" if t.step else "sampler",
                 *([""] * len(scores) if t.reason else scores), t.reason or "",
+                t.notes or "",
             ])  # fmt: skip
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.backends import BESIDE, LIGHT, Backend
+from gpuspec.cautions import of_light
 from gpuspec.inspection import check_memory
 from gpuspec.levels import LevelCounter, Levels, Sample, Zones
 from gpuspec.relief import Relief
@@ -58,11 +59,14 @@ class TracedPart:
     counter : LevelCounter
     zones : Zones
     sample : Sample or None
+    notes : tuple of str
+        On how much of it sees no light; of the first part alone.
     """
 
     counter: LevelCounter
     zones: Zones
     sample: Sample | None
+    notes: tuple[str, ...] = ()
 
 
 class Parts:
@@ -159,12 +163,14 @@ class Parts:
         placed = self._place(station)
         light_map = self.backend.trace(station, placed.relief)
         self.traced += 1
-        zones = placed.zones.only(light_map.lost() != BESIDE)
+        lost = light_map.lost()
+        zones = placed.zones.only(lost != BESIDE)
         sample = None
         if sampled and station.camera.subsampling == 1:
             flawless = self._flawless(station)
             sample = draw(zones, light_map.read(), flawless, self.samples, number)
-        return TracedPart(light_map.counter(zones, sample), zones, sample)
+        notes = () if number else tuple(of_light(station, lost))
+        return TracedPart(light_map.counter(zones, sample), zones, sample, notes)
 
     def _flawless(self, station: Station) -> NDArray[np.floating[Any]]:
         """Return the footprints of the part without defects, shape (M, N)."""

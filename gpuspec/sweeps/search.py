@@ -44,6 +44,8 @@ class Trial:
     threshold_dn, p1, p2 : float
     hits, defects : int
         Defects hit, and those with a pixel in view.
+    notes : str or None
+        What to know before trusting it, a line each.
     """
 
     values: Values
@@ -54,6 +56,7 @@ class Trial:
     p2: float = 0.0
     hits: int = 0
     defects: int = 0
+    notes: str | None = None
 
 
 def best_of(trials: Sequence[Trial], rule: Rule) -> int | None:

@@ -20,6 +20,7 @@ from gpuspec.sweeps.plan import SEED_STEP, Plan
 _CURVE = pa.list_(pa.float64(), LEVELS)
 _COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     ("reason", pa.string(), "why the design is no valid station; null: it is"),
+    ("notes", pa.string(), "what to know before trusting the scores, a line each; null: nothing"),
     ("exact", pa.bool_(), "whether every pixel was counted; else P1 is estimated from a sample"),
     ("seeds", pa.list_(pa.uint32()), "what is added to every seed of the station, for each part"),
     ("defects", pa.int32(), "known defects with a pixel in view, of all parts"),
@@ -64,6 +65,7 @@ def rows(
     stations: Sequence[Station],
     curves: Curves,
     info: DeviceInfo,
+    notes: Sequence[str | None],
 ) -> pa.Table:
     """Return the rows of valid designs.
 
@@ -77,6 +79,8 @@ def rows(
     curves : Curves
         How they do.
     info : DeviceInfo
+    notes : sequence of str or None
+        What to know of each.
     """
     p1, p2, hits = curves.p1, curves.p2, curves.hits.sum(axis=0)
     seen, count = int(curves.seen.sum()), len(designs)
@@ -89,6 +93,7 @@ def rows(
     sampled = ~curves.exact
     columns: dict[str, Any] = {
         "reason": pa.nulls(count, pa.string()),
+        "notes": pa.array(notes, pa.string()),
         "exact": curves.exact,
         "seeds": _lists(np.tile(_seeds(plan), (count, 1)), pa.uint32()),
         "defects": np.full(count, seen),
