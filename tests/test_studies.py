@@ -424,6 +424,21 @@ def test_a_study_writes_its_figure_and_its_table(gpuspec_, name):
     assert not hidden(Path())
 
 
+@pytest.mark.parametrize("name", ["signature", "height", "coverage", "tolerance"])
+def test_a_study_tells_what_is_wrong_with_its_station(gpuspec_, name):
+    steps = ["--steps", 3] if name == "tolerance" else []
+    short = ["--set", "tunnel.length_mm=10.0", "--set", "tunnel.radius_mm=80.0"]
+    sound, wrong = (gpuspec_("study", name, "s.toml", *steps, *more) for more in ([], short))
+    said = [
+        "note: tunnel.radius_mm = 80 has no effect",
+        *(["% of the part sees no light"] if name in ("coverage", "tolerance") else []),
+    ]
+    assert "note: " not in sound.out
+    assert all(words in wrong.out for words in said)
+    notes = json.loads(Path(f"study/{name}.json").read_text("utf-8"))["notes"]
+    assert len(notes) == len(said)
+
+
 def test_figure_7_needs_no_station(gpuspec_):
     ran = gpuspec_("study", "signature", "-o", "out", "--backend", "numpy")
     assert ran.code == 0

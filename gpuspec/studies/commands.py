@@ -17,6 +17,7 @@ from gpuspec.terminal import (
     StationArgument,
     changed,
     console,
+    print_notes,
     progress,
 )
 
@@ -162,6 +163,7 @@ def _leave(results: Outputs, study: Callable[[Any], Outcome]) -> None:
         outcome = study(tell)
         tell("drawing")
         outcome.write_files(partial)
+    print_notes(outcome.notes)
     out = console()
     out.print(f"{outcome.station.file}, {outcome.name}: {outcome.info}", soft_wrap=True)
     for finding in outcome.findings():

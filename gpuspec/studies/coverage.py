@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.backends import BESIDE, Backend, DeviceInfo, Image
+from gpuspec.cautions import of_light, of_station
 from gpuspec.devices import open_backend
 from gpuspec.errors import StationError
 from gpuspec.inspection import check_memory
@@ -50,6 +51,8 @@ class Coverage(Outcome):
         The same on the part, by the light map's gradient there.
     kind : ndarray of uint8, shape (M, N)
         Index into ``KINDS``; too far and lost are blind.
+    notes : tuple of str
+        What is wrong with the station, see :mod:`gpuspec.cautions`.
     """
 
     name: ClassVar[str] = "coverage"
@@ -62,6 +65,7 @@ class Coverage(Outcome):
     on_light_mm: Image
     on_part_mm: Image
     kind: NDArray[np.uint8]
+    notes: tuple[str, ...] = ()
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -212,8 +216,9 @@ def study(
         [OFF_PART, LOST_LIGHT, TOO_FAR],
         SCANNED,
     ).astype(np.uint8)
+    notes = (*of_station(station), *of_light(station, read.lost))
     return Coverage(
-        station, engine.info, dent, reach, magnification(station), on_light, on_part, kind
+        station, engine.info, dent, reach, magnification(station), on_light, on_part, kind, notes
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.backends import DeviceInfo
+from gpuspec.cautions import of_station
 from gpuspec.errors import StationError
 from gpuspec.reference import NumpyBackend, ray_paths
 from gpuspec.relief import Relief
@@ -56,6 +57,8 @@ class Height(Outcome):
         The same by the closed form.
     shape_by_slope_mm, shape_by_height_mm : ndarray, shape (n,)
         The same of the part's crown, over the whole part; 0 where it is flat.
+    notes : tuple of str
+        What is wrong with the station, see :mod:`gpuspec.cautions`.
     """
 
     name: ClassVar[str] = "height"
@@ -71,6 +74,7 @@ class Height(Outcome):
     height_estimate_mm: Array
     shape_by_slope_mm: Array
     shape_by_height_mm: Array
+    notes: tuple[str, ...] = ()
 
     @property
     def crowned(self) -> bool:
@@ -247,7 +251,11 @@ def study(station: Station, dent: Dent | None = None, distances: int = 31) -> He
         )
         for height in camera.tolist()
     ]
-    return Height(station, NumpyBackend().info, dent, place, camera, *np.array(moved).T)
+    by = np.array(moved).T
+    return Height(
+        station, NumpyBackend().info, dent, place, camera, by[0], by[1], by[2], by[3], by[4], by[5],
+        tuple(of_station(station)),
+    )  # fmt: skip
 
 
 def _moved(station: Station, camera_mm: float, x: Array, y: Array) -> tuple[float, float]:

@@ -33,11 +33,14 @@ class Outcome(ABC):
         The station studied.
     info : DeviceInfo
         Backend, device, driver and version that traced it.
+    notes : tuple of str
+        What is wrong with the station, see :mod:`gpuspec.cautions`.
     """
 
     name: ClassVar[str]
     station: Station
     info: DeviceInfo
+    notes: tuple[str, ...]
 
     @abstractmethod
     def figure(self) -> Figure:
@@ -99,6 +102,7 @@ class Outcome(ABC):
             "station": self.station.file,
             **{key: _finite(value) for key, value in self.numbers().items()},
             "findings": list(self.findings()),
+            "notes": list(self.notes),
         }
         summary.write_text(json.dumps(said, indent=2) + "\n", "utf-8")
         keep(self.station, station)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.backends import Backend, DeviceInfo
+from gpuspec.cautions import of_station
 from gpuspec.devices import open_backend
 from gpuspec.errors import StationError
 from gpuspec.station import Station
@@ -52,6 +53,8 @@ class Signature(Outcome):
         Of the transition from the dent's centre, on the part, in sigmas.
     closed_form, simulated : ndarray, shape (K,)
         Width of the signature in sigmas, by the law and from the images.
+    notes : tuple of str
+        What is wrong with the station that was given, see :mod:`gpuspec.cautions`.
     """
 
     name: ClassVar[str] = "signature"
@@ -63,6 +66,7 @@ class Signature(Outcome):
     distance: Array
     closed_form: Array
     simulated: Array
+    notes: tuple[str, ...] = ()
 
     @property
     def vanishing(self) -> float:
@@ -155,6 +159,7 @@ def study(
     BackendError
         If the backend is absent or fails.
     """
+    notes = () if station is None else tuple(of_station(station))
     if station is None:
         station = Station.from_dict({"tunnel": {"height_mm": 100.0}}, "default station")
         dent = dent or Dent(1.0, 10.0)
@@ -175,7 +180,7 @@ def study(
     width: Array = np.count_nonzero(lit, axis=1) * p / sigma
     force = strength(dent, station)
     law = signature_width(distance, force)
-    return Signature(row, engine.info, dent, force, distance, law, width)
+    return Signature(row, engine.info, dent, force, distance, law, width, notes)
 
 
 def moved_transition(station: Station, dent: Dent, distances: int) -> Station:

@@ -87,6 +87,8 @@ class Tolerance(Outcome):
     info : DeviceInfo
     nominal : Score
     perturbations : tuple of Perturbation
+    notes : tuple of str
+        What is wrong with the station, see :mod:`gpuspec.cautions`.
     """
 
     name: ClassVar[str] = "tolerance"
@@ -95,6 +97,7 @@ class Tolerance(Outcome):
     info: DeviceInfo
     nominal: Score
     perturbations: tuple[Perturbation, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def threshold_dn(self) -> float:
@@ -199,7 +202,7 @@ def study(
     _check(offset_mm, rotation_rad, height_mm, reflectivity, steps)
     engine = open_backend(backend, device) if isinstance(backend, str) else backend
     tell = progress or (lambda _: None)
-    design, nominal, traced = _nominal(station, engine, tell)
+    design, nominal, traced, notes = _nominal(station, engine, tell)
     middle = steps // 2
     spread = np.linspace(-1, 1, steps)
     reach = {"offset": offset_mm, "rotation": rotation_rad, "height": height_mm}
@@ -226,11 +229,13 @@ def study(
     scores = [_score(trace(design.replace(**{"part.material": m}), engine)) for m in names]
     own = names.index(design.part.material)
     found.append(Perturbation("material", "", names, own, tuple(scores)))
-    return Tolerance(design, engine.info, nominal, tuple(found))
+    return Tolerance(design, engine.info, nominal, tuple(found), notes)
 
 
-def _nominal(station: Station, engine: Backend, tell: Progress) -> tuple[Station, Score, Traced]:
-    """Return the design with its part and its threshold fixed, its score, and it traced."""
+def _nominal(
+    station: Station, engine: Backend, tell: Progress
+) -> tuple[Station, Score, Traced, tuple[str, ...]]:
+    """Return the design, its part and its threshold fixed, its score, it traced, and its notes."""
     tell("placing defects")
     design = frozen(station)
     traced = trace(design, engine, progress=tell)
@@ -239,11 +244,12 @@ def _nominal(station: Station, engine: Backend, tell: Progress) -> tuple[Station
             f"{station.file} has no defect in view, so that P2 is undefined; add [[defects]] or "
             f"[[populations]]."
         )
-    threshold = traced.result().threshold
+    result = traced.result()
+    threshold = result.threshold
     if threshold >= design.sensor.full_scale_dn:
+        why = next((note for note in result.warnings if "beyond full scale" in note), "")
         raise StationError(
-            f"{station.file}: the automatic threshold, {threshold:.0f} DN, is beyond full scale "
-            f"and detects nothing; set segmentation.threshold to a grey level."
+            f"{station.file}: {why or 'the image is dark, and nothing is detected.'}"
         )
     design = design.replace(**{"segmentation.threshold": threshold})
     nominal = _score(traced, design)
@@ -252,7 +258,7 @@ def _nominal(station: Station, engine: Backend, tell: Progress) -> tuple[Station
             f"{station.file} detects no defect at its threshold of {threshold:.5g} DN: there is "
             f"nothing to lose; choose a design that works, e.g. by `gpuspec sweep`."
         )
-    return design, nominal, traced
+    return design, nominal, traced, result.warnings
 
 
 def _score(traced: Traced, station: Station | None = None) -> Score:
