@@ -386,7 +386,7 @@ def _of_defects(
     if steep:
         said.append(
             f"{steep} of {len(relief.defects)} defects have slopes steeper than 30 degrees, up to "
-            f"{slope.max():.2g}: light is reflected twice in them, and the model follows it once. "
+            f"{slope.max():.2g}: light is reflected again in them, and the model follows it once. "
             f"Check depth_um against diameter_mm or width_mm."
         )
     part = lost.size - np.count_nonzero(lost == BESIDE)

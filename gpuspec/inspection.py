@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,7 +139,7 @@ class Result:
 
 
 def simulate(
-    station: Station,
+    station: Station | str | Path,
     backend: str | Backend = "auto",
     device: str | None = None,
     progress: Progress | None = None,
@@ -147,7 +148,8 @@ def simulate(
 
     Parameters
     ----------
-    station : Station
+    station : Station, str or Path
+        Or the path of a station file.
     backend : str or Backend
         A name for :func:`gpuspec.devices.open_backend`, or an open backend.
     device : str, optional
@@ -162,12 +164,14 @@ def simulate(
     Raises
     ------
     StationError
-        If a population does not fit, or the images exceed the memory.
+        If the file cannot be read, a population does not fit, or the images exceed the memory.
     TopographyError
         If a topography cannot be used.
     BackendError
         If the backend is absent or fails.
     """
+    if not isinstance(station, Station):
+        station = Station.read(station)
     return trace(station, backend, device, progress).result(progress=progress)
 
 

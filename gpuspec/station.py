@@ -15,7 +15,18 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
-from gpuspec.defects import Defect, Length, Population, Scratch, Section, Seed, Topography
+from gpuspec.defects import (
+    MICRO,
+    Defect,
+    Length,
+    Patch,
+    Population,
+    Scratch,
+    ScratchPopulation,
+    Section,
+    Seed,
+    Topography,
+)
 from gpuspec.errors import StationError
 from gpuspec.validation import explain
 
@@ -200,13 +211,23 @@ def places(path: str) -> list[str | int]:
     return steps
 
 
+def plain(value: Any) -> Any:
+    """Return a value with NumPy's numbers and arrays in it as Python's."""
+    if isinstance(value, dict):
+        return {key: plain(inner) for key, inner in value.items()}
+    if isinstance(value, (list, tuple)):
+        return type(value)(plain(inner) for inner in value)
+    # Both have it, and nothing else that a station holds; NumPy need not be imported to know.
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
 class Station(Section):
     """One inspection station, whole and valid.
 
     Raises
     ------
     StationError
-        From :meth:`read` and :meth:`parse`, one line per wrong value.
+        One line per wrong value.
     """
 
     part: Part = Part()
@@ -228,6 +249,23 @@ class Station(Section):
     _folder: Path = PrivateAttr(default_factory=Path.cwd)
     _file: str = PrivateAttr(default="station")
     _source: Path | None = PrivateAttr(default=None)
+
+    def __init__(self, /, **sections: Any) -> None:
+        self._filled(plain(sections), "station")
+
+    def _filled(self, data: Any, file: str) -> Station:
+        """Return self with what the data say.
+
+        Raises
+        ------
+        StationError
+            One line per wrong value.
+        """
+        try:
+            self.__pydantic_validator__.validate_python(data, self_instance=self)
+        except ValidationError as error:
+            raise StationError("\n".join(explain(error, type(self), file))) from None
+        return self
 
     @classmethod
     def read(cls, path: str | Path) -> Station:
@@ -286,10 +324,7 @@ class Station(Section):
         StationError
             As :meth:`read`.
         """
-        try:
-            station = cls.model_validate(data)
-        except ValidationError as error:
-            raise StationError("\n".join(explain(error, cls, file))) from None
+        station = cls.__new__(cls)._filled(data, file)
         station._folder = Path(folder)
         station._file = file
         return station
@@ -307,7 +342,7 @@ class Station(Section):
             If the changed station is invalid.
         """
         data = self.as_dict()
-        for name, value in changes.items():
+        for name, value in plain(changes).items():
             path = name.replace("__", ".")
             *sections, key = places(path)
             target: Any = data
@@ -488,6 +523,7 @@ class Station(Section):
                 f"sequence.lag = {self.sequence.lag} must be smaller than sequence.images = "
                 f"{self.sequence.images}"
             )
+        self._check_sizes()
         for number, defect in enumerate(self.defects, 1):
             points = (
                 defect.points_mm if isinstance(defect, Scratch) else ((defect.x_mm, defect.y_mm),)
@@ -500,3 +536,33 @@ class Station(Section):
                         f"±{part.width_mm / 2:g} mm along y"
                     )
         return self
+
+    def _check_sizes(self) -> None:
+        """Refuse defects so deep or so wide that the model of a relief on a mirror is void."""
+        largest = max(self.part.length_mm, self.part.width_mm)
+        for number, defect in enumerate(self.defects, 1):
+            if isinstance(defect, Patch):
+                continue
+            key = "width_mm" if isinstance(defect, Scratch) else "diameter_mm"
+            size = getattr(defect, key)
+            if size > largest:
+                raise ValueError(
+                    f"defects[{number}].{key} = {size:g} is larger than the part, "
+                    f"{self.part.length_mm:g} x {self.part.width_mm:g} mm; so wide a shape is the "
+                    f"part's own: see part.crown_radius_x_mm and part.crown_radius_y_mm"
+                )
+            _check_depth(f"defects[{number}]", key, size, defect.depth_um)
+        for number, population in enumerate(self.populations, 1):
+            key = "width_mm" if isinstance(population, ScratchPopulation) else "diameter_mm"
+            widest = getattr(population, key).high
+            _check_depth(f"populations[{number}]", key, widest, population.depth_um.low)
+
+
+def _check_depth(name: str, key: str, size_mm: float, depth_um: float) -> None:
+    """Refuse what is deeper than wide: a Gaussian's slope, d / (sigma sqrt e), is then 2.4."""
+    if depth_um * MICRO > size_mm:
+        raise ValueError(
+            f"{name}.depth_um = {depth_um:g} is more than its {key} = {size_mm:g}: a hole with "
+            f"sides steeper than 67 degrees, in which light is reflected again and again, while "
+            f"the model follows it once. Depths are in um, widths in mm"
+        )

@@ -16,6 +16,7 @@ from gpuspec.inspection import Result, check_memory, class_rules, inspect, simul
 from gpuspec.scoring import score
 from gpuspec.segmentation import automatic_threshold
 from gpuspec.station import Station
+from gpuspec.stationfile import to_toml
 
 POPULATIONS = [
     {"kind": "dent", "count": 6, "seed": 4, "diameter_mm": [0.6, 1.5], "depth_um": [3, 12]},
@@ -108,6 +109,15 @@ def test_progress_is_told_in_a_few_words(opencl):
     assert told[0] == "placing defects"
     assert told[-1] == "segmenting and scoring"
     assert any(opencl.info.device in words for words in told)
+
+
+def test_a_station_file_is_simulated_by_its_path(opencl, tmp_path):
+    path = tmp_path / "s.toml"
+    path.write_text(to_toml(one_dent()), encoding="utf-8")
+    for given in (path, str(path)):
+        assert simulate(given, opencl).score == simulate(one_dent(), opencl).score
+    with pytest.raises(StationError, match=r"none\.toml: no such station file"):
+        simulate(str(tmp_path / "none.toml"), opencl)
 
 
 def test_a_backend_that_is_not_known_is_refused():

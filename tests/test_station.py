@@ -7,6 +7,7 @@ import math
 import tomllib
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -280,6 +281,22 @@ WRONG = {
         "[part]\ncrown_radius_y_mm = 0",
         "part.crown_radius_y_mm = 0 must be larger than half the part's width_mm (25), or",
     ),
+    "dent deeper than wide": (
+        DENT.replace("depth_um = 5", "depth_um = 5000").replace("r_mm = 1", "r_mm = 0.1"),
+        "defects[1].depth_um = 5000 is more than its diameter_mm = 0.1: a hole with sides steeper",
+    ),
+    "scratch deeper than wide": (
+        SCRATCH.replace("depth_um = 5", "depth_um = 1001") + "[[0, 0], [1, 0]]",
+        "defects[1].depth_um = 1001 is more than its width_mm = 1: a hole with sides steeper than",
+    ),
+    "population deeper than wide": (
+        DENTS.replace("depth_um = 5", "depth_um = [3000, 4000]") + "[0.1, 2.0]",
+        "populations[1].depth_um = 3000 is more than its diameter_mm = 2: a hole with sides",
+    ),
+    "dent larger than the part": (
+        DENT.replace("diameter_mm = 1", "diameter_mm = 300"),
+        "defects[1].diameter_mm = 300 is larger than the part, 200 x 50 mm; so wide a shape is the",
+    ),
     "dent outside the part": (
         DENT.replace("y_mm = 2", "y_mm = 25.5"),
         "defects[1] (dent) at (1, 25.5) mm is outside the part, which reaches ±100 mm along x "
@@ -460,7 +477,7 @@ SPOT = st.fixed_dictionaries(
     {
         "kind": st.sampled_from(["dent", "bump"]),
         **PLACE,
-        "diameter_mm": number(0.1, 9),
+        "diameter_mm": number(0.1, 8),
         "depth_um": number(0.1, 90),
     }
 )
@@ -470,7 +487,7 @@ LINE = st.fixed_dictionaries(
         "points_mm": st.lists(
             st.tuples(number(-4, 4), number(-4, 4)).map(list), min_size=2, max_size=5
         ),
-        "width_mm": number(0.1, 9),
+        "width_mm": number(0.1, 8),
         "depth_um": number(0.1, 90),
     }
 )
@@ -581,6 +598,36 @@ def test_a_change_that_cannot_be_is_one_sentence(path: str, says: str):
     with pytest.raises(StationError) as caught:
         Station().replace(**{path: -1})
     assert str(caught.value).startswith(says)
+
+
+def test_a_station_made_in_python_has_the_same_sentences():
+    for wrong, says in (
+        ({"tunel": {}}, "station: tunel is not a known key (did you mean tunnel?)."),
+        ({"tunnel": {"hight_mm": 3.0}}, "tunnel.hight_mm is not a known key (did you mean height"),
+        ({"sensor": {"exposure": -1.0}}, "station: sensor.exposure = -1.0 must be greater than 0."),
+        ({"tunnel": {"section": "arch"}}, "station: tunnel.radius_mm is missing"),
+    ):
+        with pytest.raises(StationError) as caught:
+            Station(**wrong)
+        assert says in str(caught.value)
+    made = Station(tunnel=Station().tunnel, camera={"height_mm": 700.0})
+    assert made.as_dict() == Station.parse("[camera]\nheight_mm = 700.0").as_dict()
+
+
+def test_numbers_of_numpy_are_numbers():
+    numbers = {
+        "camera.columns": np.int64(30), "camera.height_mm": np.float32(700.0),
+        "sensor.noise": np.bool_(True), "tunnel.dark_mm": np.float64(3.0),
+        "defects": [{"kind": "scratch", "points_mm": np.array([[0.0, 1.0], [2.0, 3.0]]),
+                     "width_mm": np.float32(0.5), "depth_um": np.int8(3)}],
+    }  # fmt: skip
+    changed = Station().replace(**numbers)
+    assert changed.camera.columns == 30
+    assert changed.defects[0].points_mm == ((0.0, 1.0), (2.0, 3.0))
+    assert Station.parse(to_toml(changed)).as_dict() == changed.as_dict()
+    assert Station(sequence={"images": np.int32(8)}).sequence.images == 8
+    with pytest.raises(StationError, match=r"sequence\.images = 8\.5 must be a whole number"):
+        Station().replace(sequence__images=np.float64(8.5))
 
 
 def test_a_station_is_frozen():
