@@ -14,7 +14,7 @@ from gpuspec.defects import Defect, Patch, Scratch
 from gpuspec.parameters import curvatures
 from gpuspec.relief import Grooves, Relief, pixel_position, shape_height
 from gpuspec.station import Station
-from gpuspec.topography import TopographyMap, zone_at
+from gpuspec.topography import TopographyMap
 
 ZONE = 2.0  # sigmas: relief of at least 13.5 % of the depth
 _PAIRS_AT_ONCE = 2_000_000
@@ -29,7 +29,8 @@ class KnownDefect:
     Attributes
     ----------
     kind : str
-        dent, bump, scratch, measured, or pit: a zone of the part's own measured relief.
+        dent, bump, scratch, measured: a zone of a measured patch, or pit: one of the part's own
+        measured relief.
     x_mm, y_mm : float
         Centre in the part frame.
     size_mm : float
@@ -73,14 +74,13 @@ class Truth:
         known = [_known(defect) for defect in relief.defects]
         maps = list(relief.maps)
         if station.part.relief is not None:
-            known += _label_pits(maps.pop(0), station, labels, len(known))
+            known += _mark_pits(maps.pop(0), "pit", station, labels, len(known) + 1, len(known) + 2)
         patches = (i for i, d in enumerate(relief.defects) if isinstance(d, Patch))
         for index, patch in zip(patches, maps, strict=True):
-            window = _window(patch, station)
-            x, y = surface_points(station, *_grid(window))
-            zone = zone_at(patch, x, y, station.camera.sampling_mm / 2)
-            labels[window][zone & (labels[window] == 0)] = index + 1
-            known[index] = _measured(patch, known[index].x_mm, known[index].y_mm)
+            # The patch keeps its number, for the first of its pits; the others come after all.
+            pits = _mark_pits(patch, "measured", station, labels, index + 1, len(known) + 1)
+            known[index] = pits[0] if pits else known[index]
+            known += pits[1:]
         return cls(labels, tuple(known))
 
 
@@ -187,17 +187,21 @@ def _known(defect: Defect) -> KnownDefect:
     )
 
 
-def _measured(patch: TopographyMap, x: float, y: float) -> KnownDefect:
-    zone = patch.zone if patch.zone is not None else np.zeros(patch.heights_mm.shape, bool)
-    area = float(zone.sum() * patch.pitch_mm[0] * patch.pitch_mm[1])
-    depth = float(np.abs(patch.relief_mm[zone]).max()) * 1e3 if zone.any() else 0.0
-    return KnownDefect("measured", x, y, 2 * np.sqrt(area / np.pi), 0.0, depth)
-
-
-def _label_pits(
-    relief: TopographyMap, station: Station, labels: NDArray[np.int32], before: int
+def _mark_pits(
+    relief: TopographyMap,
+    kind: str,
+    station: Station,
+    labels: NDArray[np.int32],
+    first: int,
+    second: int,
 ) -> list[KnownDefect]:
-    """Number the zones of the part's own relief and mark their pixels."""
+    """Mark a map's connected zones, each a defect, numbered first, second, second + 1, ...
+
+    Returns
+    -------
+    list of KnownDefect
+        In the order of their numbers.
+    """
     if relief.zone is None:
         return []
     pits, count = ndimage.label(relief.zone, np.ones((3, 3)))
@@ -212,18 +216,17 @@ def _label_pits(
     size = [2 * round(half / pitch) + 1 for pitch in reversed(relief.pitch_mm)]
     pits = np.where(pits > 0, pits, ndimage.maximum_filter(pits, size))
     window = _window(relief, station)
-    x, y = surface_points(station, *_grid(window))
-    x, y = np.broadcast_arrays(x, y)
-    i = np.rint((x - relief.corner_mm[0]) / relief.pitch_mm[0]).astype(np.int64)
-    j = np.rint((y - relief.corner_mm[1]) / relief.pitch_mm[1]).astype(np.int64)
-    on = (i >= 0) & (j >= 0) & (i < pits.shape[1]) & (j < pits.shape[0])
+    row, column, on = relief.position(*surface_points(station, *_grid(window)))
     rows, columns = pits.shape
-    found = np.where(on, pits[np.clip(j, 0, rows - 1), np.clip(i, 0, columns - 1)], 0)
+    i = np.clip(np.rint(column), 0, columns - 1).astype(np.int64)
+    j = np.clip(np.rint(row), 0, rows - 1).astype(np.int64)
+    number = np.array([0, first, *range(second, second + count - 1)], np.int32)
+    found = number[np.where(on, pits[j, i], 0)]
     free = (found > 0) & (labels[window] == 0)
-    labels[window][free] = (found + before)[free]
+    labels[window][free] = found[free]
     return [
         KnownDefect(
-            "pit",
+            kind,
             float(relief.corner_mm[0] + column * relief.pitch_mm[0]),
             float(relief.corner_mm[1] + row * relief.pitch_mm[1]),
             float(2 * np.sqrt(a / np.pi)),

@@ -289,21 +289,51 @@ def test_a_measured_defects_zone_is_where_its_patch_lies(folder):
         folder,
     )  # fmt: skip
     found = truth(station)
-    assert [d.kind for d in found.defects] == ["dent", "measured"]
-    assert set(np.unique(found.labels)) == {0, 1, 2}
+    assert [d.kind for d in found.defects] == ["dent", *3 * ["measured"]]
+    assert set(np.unique(found.labels)) == {0, 1, 2, 3, 4}
     x, y = seen(station)
-    zone = found.labels == 2
+    zone = found.labels >= 2
     centres = [(2.0 + cx, -1.5 + cy) for (cx, cy), _, _ in PITS]
     away = np.min([np.hypot(x - cx, y - cy) for cx, cy in centres], axis=0)
     assert away[zone].max() < 0.08
     for cx, cy in centres:
         assert zone[np.hypot(x - cx, y - cy) < 0.7 * PITCH].all()
-    # The zone of a pixel as large as a point: all pits, widened by no more than a point.
-    known = found.defects[1]
-    area = sum(np.pi * s**2 * 2 * np.log(d / 0.4) for _, s, d in PITS)
-    assert np.pi / 4 * known.size_mm**2 == pytest.approx(area, rel=0.1)
-    assert known.depth_um == pytest.approx(3.0, rel=0.2)
-    assert (known.x_mm, known.y_mm) == (2.0, -1.5)
+    for centre, sigma, depth in PITS:
+        _, known = nearest(found, (2.0 + centre[0], -1.5 + centre[1]))
+        assert (known.x_mm - 2.0, known.y_mm + 1.5) == pytest.approx(centre, abs=PITCH)
+        assert known.depth_um == pytest.approx(depth, rel=0.2)
+        assert known.size_mm == pytest.approx(
+            2 * sigma * np.sqrt(2 * np.log(depth / 0.4)), abs=1.2 * PITCH
+        )
+
+
+def test_a_map_counts_alike_as_relief_and_as_a_patch(folder):
+    whole = measured(folder)
+    patch = {"kind": "measured", "file": "x.sur", "x_mm": 0.0, "y_mm": 0.0, "taper": 0.0,
+             "form_removed": "none", "zone_height_um": 0.4}  # fmt: skip
+    relief, laid = truth(whole), truth(whole.replace(part__relief=None, defects=[patch]))
+    assert np.array_equal(relief.labels, laid.labels)
+    assert [vars(d) | {"kind": ""} for d in relief.defects] == [
+        vars(d) | {"kind": ""} for d in laid.defects
+    ]
+
+
+def test_a_patch_of_many_pits_leaves_the_other_defects_their_numbers(folder):
+    patch = {"kind": "measured", "file": "x.sur", "x_mm": -0.6, "y_mm": 0.0,
+             "form_removed": "none", "zone_height_um": 0.4}  # fmt: skip
+    dent = {"kind": "dent", "x_mm": 1.0, "y_mm": 0.0, "diameter_mm": 0.3, "depth_um": 1.0}
+    station = Station.from_dict(
+        {"part": {"length_mm": 4.0, "width_mm": 2.0}, "camera": {"sampling_mm": PITCH},
+         "defects": [patch, dent]}, "s.toml", folder,
+    )  # fmt: skip
+    found = truth(station)
+    assert [d.kind for d in found.defects] == ["measured", "dent", "measured", "measured"]
+    x, y = seen(station)
+    assert (found.labels[np.hypot(x - 1.0, y) < 0.14] == 2).all()
+    for number, known in enumerate(found.defects, 1):
+        rows, columns = np.nonzero(found.labels == number)
+        assert x[0, columns].mean() == pytest.approx(known.x_mm, abs=PITCH)
+        assert y[rows, 0].mean() == pytest.approx(known.y_mm, abs=PITCH)
 
 
 def test_a_patch_off_the_image_is_known_without_pixels(folder):
