@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +23,7 @@ from gpuspec.errors import StationError
 from gpuspec.station import Station
 
 Array = NDArray[np.float64]
+Owners = NDArray[np.int64]
 
 _COUNT_MAX = 1_000_000
 _IDLE_ROUNDS = 30
@@ -42,11 +45,20 @@ def place(station: Station) -> tuple[Defect, ...]:
         If a population cannot fit.
     """
     placed: list[Defect] = list(station.defects)
-    taken = _Chains.of(placed)
+    taken = _Chains.of(placed).by_size()
     for number, population in enumerate(station.populations, 1):
-        defects, taken = _placed(population, number, station, taken)
-        placed += defects
+        placed += _placed(population, number, station, taken)
     return tuple(placed)
+
+
+def asked_for(station: Station) -> int:
+    """Return how many defects a station has, those of its populations included."""
+    area = station.part.length_mm * station.part.width_mm
+    return len(station.defects) + sum(_count(p, area) for p in station.populations)
+
+
+def _count(population: Population, area_mm2: float) -> int:
+    return population.count or round((population.density_per_cm2 or 0) * area_mm2 / 100)
 
 
 def draw(distribution: Distribution, uniform: Array) -> Array:
@@ -62,12 +74,12 @@ def draw(distribution: Distribution, uniform: Array) -> Array:
 
 
 def _placed(
-    population: Population, number: int, station: Station, taken: _Chains
-) -> tuple[list[Defect], _Chains]:
-    """Return a population's defects, and the zones taken before with theirs."""
+    population: Population, number: int, station: Station, taken: list[_Chains]
+) -> list[Defect]:
+    """Return a population's defects; their zones are added to those taken before."""
     length, width = station.part.length_mm, station.part.width_mm
     name = f"{station.file}: populations[{number}]"
-    count = population.count or round((population.density_per_cm2 or 0) * length * width / 100)
+    count = _count(population, length * width)
     if count > _COUNT_MAX:
         raise StationError(
             f"{name}.density_per_cm2 = {population.density_per_cm2:g} asks for {count:,} defects; "
@@ -106,7 +118,7 @@ def _placed(
         settled, first = np.unique(trial[clear], return_index=True)
         points[settled] = drawn[clear][first]
         done[settled] = True
-        taken = taken.with_(_Chains.along(points[settled], size[settled] / 2))
+        taken += _Chains.along(points[settled], size[settled] / 2).by_size()
         idle = 0 if len(settled) else idle + 1
     if not done.all():
         raise StationError(
@@ -131,7 +143,7 @@ def _placed(
         )
         for i in range(count)
     ]
-    return defects, taken
+    return defects
 
 
 def _drawn(
@@ -201,35 +213,47 @@ class _Chains:
             np.concatenate([self.owner, other.owner]),
         )
 
-    def clear_of(self, taken: _Chains, spacing: float) -> NDArray[np.bool_]:
+    def by_size(self) -> list[_Chains]:
+        """Return the disks apart by size, each up to twice as large as the one before.
+
+        Among small disks alone the search for neighbours need not reach as far as a large one.
+        """
+        octave = np.floor(np.log2(self.radius))
+        return [
+            _Chains(self.centre[of], self.radius[of], self.owner[of])
+            for of in (octave == size for size in np.unique(octave))
+        ]
+
+    @cached_property
+    def tree(self) -> Any:
+        """Their centres, to be searched."""
+        from scipy.spatial import cKDTree  # slow to import
+
+        return cKDTree(self.centre)
+
+    def touching(self, other: _Chains, spacing: float) -> tuple[Owners, Owners]:
+        """Owners here and there whose disks touch, or are nearer than the spacing."""
+        reach = self.radius.max() + other.radius.max() + spacing
+        pairs = self.tree.sparse_distance_matrix(other.tree, reach, output_type="ndarray")
+        touch = pairs["v"] < self.radius[pairs["i"]] + other.radius[pairs["j"]] + spacing
+        return self.owner[pairs["i"][touch]], other.owner[pairs["j"][touch]]
+
+    def clear_of(self, taken: list[_Chains], spacing: float) -> NDArray[np.bool_]:
         """Owners that touch neither a taken zone nor one of their own of lower number."""
         clear = np.ones(self.owner[-1] + 1 if len(self.owner) else 0, bool)
-        if not len(clear):
-            return clear
-        if len(taken.radius):
-            reach = self.radius.max() + taken.radius.max() + spacing
-            hits, other, gap = _near(self.centre, taken.centre, reach)
-            touch = gap < self.radius[hits] + taken.radius[other] + spacing
-            clear[self.owner[hits[touch]]] = False
+        for own in self.by_size():
+            for other in taken:
+                clear[own.touching(other, spacing)[0]] = False
         left = clear[self.owner]
-        if not left.any():
-            return clear
-        centre, radius, owner = self.centre[left], self.radius[left], self.owner[left]
-        hits, other, gap = _near(centre, centre, 2 * radius.max() + spacing)
-        first, second = owner[hits], owner[other]
-        touch = (first < second) & (gap < radius[hits] + radius[other] + spacing)
-        pairs = np.unique(np.stack([first[touch], second[touch]], axis=1), axis=0)
+        sizes = _Chains(self.centre[left], self.radius[left], self.owner[left]).by_size()
+        found = []
+        for nth, own in enumerate(sizes):
+            for other in sizes[nth:]:
+                here, there = own.touching(other, spacing)
+                pair = np.stack([np.minimum(here, there), np.maximum(here, there)], axis=1)
+                found.append(np.unique(pair[here != there], axis=0))
+        pairs = np.unique(np.concatenate([*found, np.zeros((0, 2), np.int64)]), axis=0)
         for a, b in pairs.tolist():
             if clear[a]:
                 clear[b] = False
         return clear
-
-
-def _near(
-    points: Array, others: Array, reach: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
-    """Pairs of points within reach of each other, and their distances."""
-    from scipy.spatial import cKDTree  # slow to import
-
-    pairs = cKDTree(points).sparse_distance_matrix(cKDTree(others), reach, output_type="ndarray")
-    return pairs["i"], pairs["j"], pairs["v"]
