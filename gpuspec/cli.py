@@ -242,7 +242,7 @@ def _summarise(result: Result, output: Path, chosen: bool) -> None:
         soft_wrap=True,
     )
     table = Table(show_header=False, box=None)
-    undefined = "undefined (flawless part)"
+    undefined = f"undefined ({score.undefined})"
     table.add_row("P1 (overdetection)", f"{score.p1:.3f}", "share of detected pixels inside zones")
     table.add_row(
         "P2 (misdetection)", undefined if score.p2 is None else f"{score.p2:.3f}",

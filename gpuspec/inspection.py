@@ -18,6 +18,7 @@ from gpuspec.classification import DEFAULT_RULES, ClassRule, Confusion, classify
 from gpuspec.devices import open_backend
 from gpuspec.errors import StationError
 from gpuspec.measures import Blobs, measure_blobs
+from gpuspec.placement import MANY, asked_for
 from gpuspec.relief import Relief
 from gpuspec.scoring import Score, score
 from gpuspec.segmentation import automatic_threshold, flawless_level, segment
@@ -27,6 +28,7 @@ from gpuspec.truth import KnownDefect, Truth
 # Host memory at the peak, per pixel: aspect, labels, truth and nearest (4 bytes each), masks, and
 # the temporaries of threshold and labelling.
 _BYTES_PER_PIXEL = 40
+_SECONDS_PER_DEFECT = 3e-5  # placed and its zone worked out, on a core of a server CPU
 
 Progress = Callable[[str], None]
 
@@ -237,14 +239,25 @@ def trace(
     """Place a station's defects and trace it; parameters and errors as :func:`simulate`."""
     tell = progress or (lambda _: None)
     check_memory(station)
-    tell("placing defects")
-    relief = Relief.of(station)
+    tell(_placing(station))
+    relief = Relief.of(station, tell)
+    if len(relief.defects) >= MANY:
+        tell(f"working out the zones of {len(relief.defects):,} defects")
     truth = Truth.of(station, relief)
     tell("opening the device")
     engine = open_backend(backend, device) if isinstance(backend, str) else backend
     tell(f"tracing on {engine.info.device}")
     light_map = engine.trace(station, relief)
     return Traced(station, engine.info, relief, truth, light_map, light_map.lost())
+
+
+def _placing(station: Station) -> str:
+    """Say how many defects are placed where they are many, and how long that takes."""
+    count = asked_for(station)
+    if count < MANY:
+        return "placing defects"
+    seconds = count * _SECONDS_PER_DEFECT
+    return f"placing {count:,} defects" + (f", about {seconds:.0f} s" if seconds > 2 else "")
 
 
 def inspect(

@@ -54,13 +54,15 @@ class Part:
 
     def __init__(self, station: Station, relief: Relief) -> None:
         self.curvature = curvatures(station)
-        grooves = averaged(relief.grooves, station)
-        ends = np.flatnonzero(np.diff(grooves.owner)) + 1
-        self.grooves = [
-            Grooves(grooves.ends[p], grooves.depth[p], grooves.sigma[p], grooves.owner[p])
-            for p in np.split(np.arange(len(grooves)), ends)
-            if len(p)
-        ]
+        self.grooves = averaged(relief.grooves, station)
+        # Pieces of one defect stand together: where each begins, and the box that it reaches.
+        self.first = np.flatnonzero(np.diff(self.grooves.owner, prepend=-1))
+        corners = self.grooves.ends.reshape(-1, 2, 2)
+        self.low, self.high = np.zeros((0, 2)), np.zeros((0, 2))
+        if len(self.first):
+            reach = _REACH * self.grooves.sigma[self.first, None]
+            self.low = np.minimum.reduceat(corners.min(axis=1), self.first) - reach
+            self.high = np.maximum.reduceat(corners.max(axis=1), self.first) + reach
         self.maps = relief.maps
 
     def at(self, x: Array, y: Array) -> Surface:
@@ -76,18 +78,26 @@ class Part:
             np.zeros_like(x),
             -cy / qy**3,
         )
-        for groove in self.grooves:
-            reach = _REACH * groove.sigma[0]
-            low = groove.ends.reshape(-1, 2).min(axis=0) - reach
-            high = groove.ends.reshape(-1, 2).max(axis=0) + reach
-            if low[1] > y.max() or high[1] < y.min():
-                continue
+        for low, high, groove in self._near(x, y):
             near = np.nonzero((x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1]))
             if len(near[0]):
                 s.add(near, *gaussian_groove(groove, x[near], y[near]))
         if self.maps:
             s.add(..., *relief_at(self.maps, x, y))
         return s
+
+    def _near(self, x: Array, y: Array) -> Iterator[tuple[Array, Array, Grooves]]:
+        """Yield the defects whose box meets that of the points: its corners, and the groove."""
+        if not x.size:
+            return
+        meet = (self.low <= [x.max(), y.max()]).all(axis=1)
+        meet &= (self.high >= [x.min(), y.min()]).all(axis=1)
+        ends = np.append(self.first, len(self.grooves))
+        every = self.grooves
+        for nth in np.flatnonzero(meet).tolist():
+            of = slice(ends[nth], ends[nth + 1])
+            groove = Grooves(every.ends[of], every.depth[of], every.sigma[of], every.owner[of])
+            yield self.low[nth], self.high[nth], groove
 
 
 def gaussian_groove(groove: Grooves, x: Array, y: Array) -> tuple[Array, ...]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gpuspec.defects import MICRO, Defect, Patch, Scratch
 from gpuspec.errors import StationError
 from gpuspec.parameters import curvatures
-from gpuspec.placement import place
+from gpuspec.placement import Progress, place
 from gpuspec.station import Station
 from gpuspec.topography import TopographyMap, read_maps
 
@@ -91,8 +91,14 @@ class Relief:
     maps: tuple[TopographyMap, ...]
 
     @classmethod
-    def of(cls, station: Station) -> Relief:
+    def of(cls, station: Station, progress: Progress | None = None) -> Relief:
         """Place the station's populations and read its topographies.
+
+        Parameters
+        ----------
+        station : Station
+        progress : callable, optional
+            See :func:`gpuspec.placement.place`.
 
         Raises
         ------
@@ -101,7 +107,7 @@ class Relief:
         TopographyError
             If a topography cannot be read.
         """
-        defects = place(station)
+        defects = place(station, progress)
         return cls(defects, Grooves.of(defects), read_maps(station))
 
 

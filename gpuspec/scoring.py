@@ -61,10 +61,19 @@ class Score:
         return asdict(self)
 
     @property
+    def undefined(self) -> str:
+        """Why P2 is undefined; empty where it is defined."""
+        if self.p2 is not None:
+            return ""
+        if not self.defects:
+            return "the part is flawless"
+        return "no defect's zone has a pixel in the image"
+
+    @property
     def summary(self) -> str:
         """The score in one sentence."""
         p2 = (
-            f"P2 undefined ({'no zone is seen' if self.defects else 'the part is flawless'})"
+            f"P2 undefined ({self.undefined})"
             if self.p2 is None
             else f"P2 {self.p2:.3f} ({self.hit_px} of {self.zone_px} zone pixels detected)"
         )

@@ -553,3 +553,23 @@ def test_a_run_leaves_another_that_is_still_running_alone(folder, long_run, gpus
     assert gpuspec_("simulate", "s.toml", "--no-pictures", "--backend", "numpy").code == 0
     assert hidden(folder) == [partial]
     assert process.poll() is None
+
+
+def test_p2_is_undefined_for_the_reason_that_is_true(gpuspec_):
+    flawless = gpuspec_("simulate", "s.toml", "--no-pictures", "--set", "defects=[]")
+    assert "undefined (the part is flawless)" in flawless.out
+    aside = gpuspec_("simulate", "s.toml", "--no-pictures", "--set", "camera.columns=10", "--set",
+                     "camera.rows=10")  # fmt: skip
+    assert "undefined (no defect's zone has a pixel in the image)" in aside.out
+
+
+def test_notes_and_what_is_taken_as_ideal_are_printed_and_kept(gpuspec_):
+    short = ["--no-pictures", "--set", "tunnel.length_mm=6.0"]
+    ran = gpuspec_("simulate", "s.toml", *short)
+    assert "note: 58.6 % of the part sees no light" in ran.out
+    assert "assumed: the camera looks through the tunnel's top" in ran.out
+    kept = json.loads(Path("run/score.json").read_text("utf-8"))
+    assert kept["warnings"][0].startswith("58.6 % of the part")
+    assert len(kept["assumptions"]) == 1
+    opened = ["--set", "tunnel.opening_length_mm=20.0", "--set", "tunnel.opening_width_mm=20.0"]
+    assert "assumed: " not in gpuspec_("simulate", "s.toml", *short, *opened).out

@@ -111,6 +111,16 @@ def test_progress_is_told_in_a_few_words(opencl):
     assert any(opencl.info.device in words for words in told)
 
 
+def test_it_is_told_how_many_defects_are_placed(monkeypatch):
+    dents = {"kind": "dent", "count": 200_000, "diameter_mm": 0.01, "depth_um": 0.1}
+    many = one_dent().replace(populations=[dents])
+    monkeypatch.setattr(inspection, "Relief", None)  # before any work
+    told: list[str] = []
+    with pytest.raises(AttributeError):
+        simulate(many, "numpy", progress=told.append)
+    assert told == ["placing 200,001 defects, about 6 s"]
+
+
 def test_a_station_file_is_simulated_by_its_path(opencl, tmp_path):
     path = tmp_path / "s.toml"
     path.write_text(to_toml(one_dent()), encoding="utf-8")

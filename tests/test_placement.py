@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from itertools import pairwise
 from typing import Any
 
@@ -12,7 +13,7 @@ from tolerances import DRAWN_FROM, PLACED_MM
 
 from gpuspec.defects import Distribution, Scratch
 from gpuspec.errors import StationError
-from gpuspec.placement import draw, place
+from gpuspec.placement import asked_for, draw, place
 from gpuspec.station import Station
 
 DENTS = {"kind": "dent", "count": 40, "seed": 3, "diameter_mm": [0.5, 3.0], "depth_um": [1, 9]}
@@ -127,6 +128,19 @@ def test_the_count_is_that_asked_for_or_that_of_the_density():
     assert kinds == 40 * ["dent"] + 96 * ["bump"] + 25 * ["scratch"]  # 3 per cm2 of 32 cm2
 
 
+def test_as_many_are_asked_for_as_are_placed():
+    for chosen in (station(DENTS, BUMPS, SCRATCHES, defects=FIXED), station(), station(BUMPS)):
+        assert asked_for(chosen) == len(place(chosen))
+
+
+def test_a_hundred_thousand_of_very_different_sizes_are_placed_in_seconds():
+    sizes = {"median": 0.03, "spread": 2.0}
+    many = station({**DENTS, "count": 100_000, "diameter_mm": sizes}, size=(200.0, 50.0))
+    start = time.process_time()
+    assert len(place(many)) == 100_000
+    assert time.process_time() - start < 20  # measured: 3
+
+
 def test_a_density_of_less_than_one_is_none():
     assert place(station(BUMPS, size=(1.0, 1.0))) == ()
 
@@ -223,10 +237,13 @@ def test_a_large_dent_finds_its_place_among_thousands_of_small_ones():
     assert max(d.diameter_mm for d in placed) > 1
 
 
-def test_ten_thousand_small_dents_fit_on_the_default_part():
+def test_ten_thousand_small_dents_fit_on_the_default_part_and_it_is_told():
     many = {**DENTS, "count": 10_000, "diameter_mm": [0.2, 0.5]}
-    placed = place(station(many, size=(200.0, 50.0)))
-    assert len(placed) == 10_000
+    told: list[str] = []
+    placed = place(station(many, size=(200.0, 50.0)), told.append)
+    assert len(placed) == asked_for(station(many, size=(200.0, 50.0))) == 10_000
+    assert told[-1] == "placing defects: 10,000 of 10,000 of populations[1]"
+    assert len(told) > 2
     centre = np.array([(d.x_mm, d.y_mm) for d in placed])
     radius = np.array([d.diameter_mm / 2 for d in placed])
     for nth in range(0, 10_000, 97):

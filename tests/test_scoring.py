@@ -87,7 +87,7 @@ def test_an_unseen_defect_counts_and_is_not_hit() -> None:
     assert "1 of 3 defects hit (2 unseen)" in s.summary
     none_seen = score(NOTHING, TRUTH, TRUTH == 0, 2)
     assert (none_seen.p2, none_seen.unseen) == (None, 2)
-    assert "no zone is seen" in none_seen.summary
+    assert "no defect's zone has a pixel in the image" in none_seen.summary
 
 
 def test_a_blob_across_a_zone_and_its_surroundings_is_not_false() -> None:
