@@ -251,21 +251,13 @@ class Station(Section):
     _source: Path | None = PrivateAttr(default=None)
 
     def __init__(self, /, **sections: Any) -> None:
-        self._filled(plain(sections), "station")
-
-    def _filled(self, data: Any, file: str) -> Station:
-        """Return self with what the data say.
-
-        Raises
-        ------
-        StationError
-            One line per wrong value.
-        """
         try:
-            self.__pydantic_validator__.validate_python(data, self_instance=self)
+            super().__init__(**plain(sections))
         except ValidationError as error:
-            raise StationError("\n".join(explain(error, type(self), file))) from None
-        return self
+            raise StationError("\n".join(explain(error, type(self), "station"))) from None
+
+    # Read by pydantic: what is validated from a file goes another way, and names the file.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
     @classmethod
     def read(cls, path: str | Path) -> Station:
@@ -324,7 +316,10 @@ class Station(Section):
         StationError
             As :meth:`read`.
         """
-        station = cls.__new__(cls)._filled(data, file)
+        try:
+            station = cls.model_validate(data)
+        except ValidationError as error:
+            raise StationError("\n".join(explain(error, cls, file))) from None
         station._folder = Path(folder)
         station._file = file
         return station

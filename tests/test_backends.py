@@ -29,9 +29,9 @@ ENGINES = {
     "gpuspec.opengl": {"devices"},
     "wgpu": {"vulkan"},
     "gpuspec.vulkan": {"devices", "device_test"},
-    # Every device is held against it; figures draw ray paths; heights move light less than float32
-    # tells.
-    "gpuspec.reference": {"devices", "proof", "figures", "studies.height"},
+    # Every device is held against it; figures draw ray paths, and notes ask where they end; heights
+    # move light less than float32 tells.
+    "gpuspec.reference": {"devices", "proof", "figures", "cautions", "studies.height"},
 }
 
 

@@ -97,6 +97,25 @@ def reduced() -> Result:
     return simulate(Station.parse(REDUCED))
 
 
+@pytest.mark.parametrize("draw", [aspect_picture, detection_picture])
+def test_what_is_wrong_stands_at_the_foot_of_a_picture(draw):
+    sound = simulate(Station.parse(STATIONS["crowned in a box"]))
+    wrong = dataclasses.replace(
+        sound, warnings=("half of the part is dark. " * 20, "another note.")
+    )
+    sound = dataclasses.replace(sound, warnings=())
+    height = [draw(found).get_size_inches()[1] for found in (sound, wrong)]
+    assert height[1] == pytest.approx(height[0] + page.NOTES / page.DPI)
+    texts = [text for text in draw(wrong).texts if text.get_text().startswith("note: half")]
+    (note,) = texts
+    canvas = FigureCanvasAgg(note.figure)
+    assert note.get_text().endswith("… (1 of 2 notes in score.json)")
+    box = note.get_window_extent(canvas.get_renderer())
+    assert 0 < box.x0 < box.x1 < 1500
+    assert 0 < box.y0 < box.y1 < page.NOTES
+    assert not any("note: " in text.get_text() for text in draw(sound).texts)
+
+
 def pixels(figure: Figure) -> np.ndarray:
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
