@@ -27,6 +27,7 @@ from gpuspec.sweeps.axes import axis
 from gpuspec.sweeps.bench import Bench
 from gpuspec.sweeps.checksums import Checksums
 from gpuspec.sweeps.front import Front
+from gpuspec.sweeps.notes import of_plan
 from gpuspec.sweeps.plan import SEED_STEP, Plan, with_part
 from gpuspec.sweeps.run import Alone, sweep
 from gpuspec.sweeps.store import RunFolder, differences
@@ -742,6 +743,16 @@ def test_sweep_and_front_tell_what_is_wrong_with_designs(gpuspec_: Command):
     assert "note: sensor.exposure = 0.5 does not saturate the sensor" in ran.out
     chosen = json.loads(Path("sweep/front/chosen.json").read_text("utf-8"))
     assert any("does not saturate" in note for note in chosen["notes"])
+
+
+def test_what_is_said_of_every_design_is_true_of_every_design(station):
+    # A stride through the grid would meet the first exposure and the first number of images alone.
+    wide = {"tunnel.luminous_mm": "0.5:8:16", "tunnel.dark_mm": "2:24:12",
+            "sensor.exposure": "1:8:8", "sequence.images": "8:80:10"}  # fmt: skip
+    assert of_plan(Plan.of(station, wide)) == []
+    (said,) = of_plan(Plan.of(station.replace(sensor__exposure=0.5), {
+        key: values for key, values in wide.items() if key != "sensor.exposure"}))  # fmt: skip
+    assert "does not saturate" in said
 
 
 def test_a_sound_sweep_has_no_notes(gpuspec_: Command):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 from gpuspec.cautions import assumptions, common, ineffective, of_station
 from gpuspec.errors import StationError
@@ -11,7 +11,8 @@ from gpuspec.station import Station
 from gpuspec.sweeps.plan import Plan
 from gpuspec.sweeps.store import RunFolder
 
-_LOOKED_AT = 64
+_LOOKED_AT = 128
+_GOLDEN = (5**0.5 - 1) / 2
 _TOLD = 3
 
 
@@ -36,8 +37,13 @@ def ideals_of_plan(plan: Plan) -> list[str]:
 
 
 def _spread(plan: Plan) -> list[Station]:
-    found = []
-    for design in range(0, plan.designs, max(plan.designs // _LOOKED_AT, 1)):
+    found: list[Station] = []
+    designs: Sequence[int]
+    if plan.designs <= _LOOKED_AT:
+        designs = range(plan.designs)
+    else:  # no multiple of any axis: a stride would meet some values only
+        designs = [int(plan.designs * (n * _GOLDEN % 1)) for n in range(_LOOKED_AT)]
+    for design in designs:
         try:
             found.append(plan.station_of(design))
         except StationError:
@@ -52,15 +58,18 @@ def of_table(run: RunFolder, known: Collection[str] = ()) -> list[str]:
     ----------
     run : RunFolder
     known : collection of str
-        Said already.
+        Said already of every design; told again where it is true of some only.
     """
     counts: Counter[str] = Counter()
-    for table in run.batches(["notes"]):
+    valid = 0
+    for table in run.batches(["notes", "reason"]):
+        valid += table["reason"].null_count
         for note, count in Counter(table["notes"].drop_null().to_pylist()).items():
             for line in note.splitlines():
                 counts[line] += count
     for line in known:
-        counts.pop(line, None)
+        if counts[line] == valid:
+            del counts[line]
     said = [f"{count:,} of {run.plan.designs:,} designs: {line}" for line, count in
             counts.most_common(_TOLD)]  # fmt: skip
     if len(counts) > _TOLD:
