@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 import gpuspec
-from gpuspec.errors import StationError
+from gpuspec.errors import OutputError, StationError
 from gpuspec.opencl import OpenCLBackend
 from gpuspec.station import Station
 from gpuspec.sweeps.bench import Bench
@@ -262,6 +263,17 @@ def front_of(gpuspec_: Command, run: RunFolder, *options: object) -> tuple[str, 
     ran = gpuspec_("front", run.path, "-o", "out", "--force", *options)
     assert ran.code == 0, ran.err
     return ran.out, json.loads(Path("out/chosen.json").read_text("utf-8"))
+
+
+def test_a_table_of_before_there_were_notes_is_chosen_from(swept, monkeypatch) -> None:
+    choice = choose(swept["exact"])
+    assert choice.notes == []
+
+    def without(self: RunFolder, part: int, columns: Any = None) -> Any:
+        raise OutputError("No match for FieldRef.Name(notes)")
+
+    monkeypatch.setattr(RunFolder, "read_part", without)
+    assert replace(choice).notes == []
 
 
 def test_front_writes_what_it_chose_and_simulate_reproduces_it(

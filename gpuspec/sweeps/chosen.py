@@ -147,8 +147,11 @@ class Choice:
     @cached_property
     def notes(self) -> list[str]:
         """What to know of the chosen design before trusting its score."""
-        (row,) = rows_of(self.run, [self.best.design], ("notes",)).to_pylist()
-        lines = (row["notes"] or "").splitlines()
+        try:
+            (row,) = rows_of(self.run, [self.best.design], ("notes",)).to_pylist()
+            lines = (row["notes"] or "").splitlines()
+        except OutputError:  # a table of before there was this column: the others were read
+            lines = []
         return [*lines, *without_effect(self.plan.station_of(self.best.design))]
 
     def details(self) -> dict[str, Any]:
