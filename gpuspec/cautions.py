@@ -178,10 +178,8 @@ def of_stripes(station: Station) -> list[str]:
         )
     elif off < SAME_SHIFT:
         whole = round(step / period)
-        why = (
-            f"{'a whole period' if whole == 1 else f'{whole} whole periods'} of the stripes, "
-            f"{period:g} mm" if whole else f"next to nothing of the stripes' period, {period:g} mm"
-        )  # fmt: skip
+        by = "a whole period" if whole == 1 else f"{whole} whole periods"
+        why = f"{by if whole else 'next to nothing'}; their period is {period:g} mm"
         said.append(
             f"all {images} images are the same: sequence.step_mm = {step:g} moves the stripes by "
             f"{why}. Leave sequence.step_mm out, and the step is {period / images:.3g} mm."
@@ -419,11 +417,15 @@ def _of_detection(
     found = scored.hit_px + scored.false_px
     flawless = int(np.count_nonzero(valid)) - scored.zone_px
     if flawless and scored.false_px > BY_CHANCE * flawless:
+        way = (
+            "It is too uneven for any one threshold."
+            if automatic
+            else 'Raise segmentation.threshold, or set it to "auto".'
+        )
         return [
             f"{_percent(scored.false_px / flawless)} of the flawless surface is detected at the "
-            f"threshold of {threshold:.4g} DN, so that defects are hit by chance: the flawless "
-            f"level is {np.median(aspect[lit]):.4g} DN. Raise segmentation.threshold, or set it to "
-            f'"auto".'
+            f"threshold of {threshold:.4g} DN, so that defects are hit by chance: its median level "
+            f"is {np.median(aspect[lit]):.4g} DN. {way}"
         ]
     brightest = float(np.max(aspect, where=lit, initial=0.0))
     if brightest < full / 255:
