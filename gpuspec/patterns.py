@@ -14,6 +14,11 @@ SIGNATURES = {
     "picture": "float picture(vec2 place, float light, float across, float footprint, int k)",
 }
 _BYTES_MAX = 1_000_000
+_COMMENT = re.compile(r"//[^\n]*|/\*.*?\*/", re.DOTALL)
+_NOT_GLSL = {
+    r"/\*": "a comment begins here, /*, and is never closed; close it with */.",
+    r"[^\t\n\f\r -~]": "{!r} is no character of GLSL outside comments.",
+}
 
 
 @dataclass(frozen=True)
@@ -39,6 +44,11 @@ class Pattern:
     def defines(self) -> tuple[str, ...]:
         """Words that tell the shaders about it."""
         return ("PATTERN", "PICTURE") if self.kind == "picture" else ("PATTERN",)
+
+    @property
+    def lines(self) -> int:
+        """Number of the last line with text."""
+        return len(self.text.rstrip().splitlines())
 
     @classmethod
     def read(cls, path: str | Path) -> Pattern:
@@ -72,13 +82,23 @@ class Pattern:
         Raises
         ------
         PatternError
-            If it defines neither function or both, or reads files and versions of its own.
+            If it defines neither function or both, reads files and versions of its own, or leaves a
+            comment or a condition open.
         """
-        bare = re.sub(r"//[^\n]*|/\*.*?\*/", "", text, flags=re.DOTALL)
+        bare = _COMMENT.sub(lambda found: re.sub(r"[^\n]", " ", found[0]), text)
+        for word, why in _NOT_GLSL.items():
+            for found in re.finditer(word, bare):
+                line = bare.count("\n", 0, found.start()) + 1
+                raise PatternError(f"{file}:{line}: {why.format(found[0])}")
         for word in ("#version", "#include", "#line", "#extension"):
             if word in bare:
                 raise PatternError(f"{file}: {word} is not for a pattern; it is set around it.")
-        kinds = [kind for kind in SIGNATURES if re.search(rf"\bfloat\s+{kind}\s*\(", bare)]
+        opened = [found[1] for found in re.finditer(r"^\s*#\s*(if|endif)", bare, re.MULTILINE)]
+        if opened.count("if") > opened.count("endif"):
+            raise PatternError(f"{file}: an #if has no #endif.")
+        kinds = [
+            kind for kind in SIGNATURES if re.search(rf"\bfloat\s+{kind}\s*\([^)]*\)\s*\{{", bare)
+        ]
         if len(kinds) > 1:
             raise PatternError(
                 f"{file}: defines both `pattern`, a light, and `picture`, a whole image; only one "

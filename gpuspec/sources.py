@@ -10,6 +10,8 @@ from pathlib import Path
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 _LINE = re.compile(r"^#line (\d+) (\d+)$", re.MULTILINE)
 _PLACE = re.compile(r"^((?:ERROR: |WARNING: )?)\d+[:(](\d+)(?:\(\d+\)|\))?\s*:", re.MULTILINE)
+# The line after a pattern: text that is not finished is met here, not in the program's own lines.
+_CLOSED = "void end_of_pattern_() { }"
 _FILE = 100_000  # lines of a file, at most
 
 
@@ -134,7 +136,7 @@ def _resolved(
         included = f"{where}/{include[1]}"
         if include[1] == "pattern.glsl":
             if pattern is not None:
-                lines += _resolved(pattern[1], pattern[0], seen, directive)
+                lines += _resolved(f"{pattern[1].rstrip()}\n{_CLOSED}", pattern[0], seen, directive)
                 lines += here(at + 1)
         elif included not in seen:
             header = (folder(where) / include[1]).read_text(encoding="utf-8")

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from gpuspec.backends import FUSIONS, Image, LightMap, LightMapArrays
 from gpuspec.errors import BackendError, PatternError
 from gpuspec.patterns import Pattern
+from gpuspec.shader_log import own_lines
 from gpuspec.station import Station
 
 Tile = TypeVar("Tile")
@@ -153,11 +154,9 @@ class ShaderLightMap(TiledLightMap[Tile]):
         try:
             lit.build("mean")
         except BackendError as error:
-            lines = str(error).splitlines()[1:] or [str(error)]
-            own = [line for line in lines if line.startswith(f"{pattern.file}:")]
-            raise PatternError(
-                "\n".join([f"{pattern.file} does not compile:", *(own or lines)])
-            ) from None
+            _, _, log = str(error).partition("\n")
+            said = own_lines(log or str(error), pattern)
+            raise PatternError(f"{pattern.file} does not compile:\n{said}") from None
         if self.pattern is None and self._kept:
             with self.failures():
                 lit._kept = [lit.trace_tile(0, self.station.shape[0])]

@@ -5,6 +5,7 @@ Where a machine has no Vulkan but Metal or Direct3D 12, wgpu runs the same shade
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 import tempfile
@@ -177,6 +178,8 @@ class VulkanBackend(Backend):
         BackendError
             With the compiler's message, file and line kept.
         """
+        logger = logging.getLogger("wgpu")  # of a failure it says less than the error
+        was, logger.disabled = logger.disabled, True
         try:
             module = self.device.create_shader_module(label="compute", code=source)
             entries = [
@@ -195,6 +198,8 @@ class VulkanBackend(Backend):
         except self.wgpu.GPUError as error:
             message = located(str(error), source, names)
             raise BackendError(f"{names[0]} does not build with {self.info}:\n{message}") from None
+        finally:
+            logger.disabled = was
 
     def constant(self, values: NDArray[Any], uniform: bool = False) -> Any:
         """Copy an array to the device, read-only; an empty one becomes one zero."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import subprocess
 import sys
@@ -20,6 +21,8 @@ from gpuspec.devices import open_backend
 from gpuspec.errors import BackendError, OutputError, PatternError
 from gpuspec.inspection import Traced, trace
 from gpuspec.patterns import Pattern, shipped
+from gpuspec.shader_log import own_lines
+from gpuspec.sources import named_files
 from gpuspec.station import Station
 
 HEAD = "float pattern(float light, float across, float shift, float footprint)"
@@ -156,6 +159,64 @@ def test_a_pattern_that_does_not_compile_names_the_user_s_file_and_line(traced, 
     assert "mine.glsl does not compile" in str(told.value)
 
 
+# What is wrong, and the line of the file that tells it.
+MISTAKES = {
+    "undeclared name": (f"{HEAD} {{\n    return lihgt;\n}}\n", 2),
+    "unknown function": (f"{HEAD} {{\n    return sine(light);\n}}\n", 2),
+    "missing semicolon": (f"{HEAD} {{\n    float a = 1.0\n    return a;\n}}\n", 3),
+    "wrong type": (f"{HEAD} {{\n\n    float a = vec2(1.0, 2.0);\n    return a;\n}}\n", 3),
+    "missing return": (f"\n{HEAD} {{\n    float a = light;\n}}\n", 2),
+    "constant changed": (f"{HEAD} {{\n    const float a = 1.0;\n    a = 2.0;\n"
+                         f"    return a;\n}}\n", 3),
+    "brace too many": (f"{HEAD} {{\n    return light;\n}}\n}}\n\n", 4),
+    "brace missing at the end": (f"{HEAD} {{\n    return light;\n\n\n", 2),
+    "semicolon missing at the end": (f"{HEAD} {{\n    return light;\n}}\nconst float x = 1.0", 4),
+    "name alone at the end": (f"{HEAD} {{\n    return light;\n}}\nfloat", 4),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_told_by_the_user_s_lines_and_no_other(traced, mistake, capfd):
+    text, line = MISTAKES[mistake]
+    with pytest.raises(PatternError) as told:
+        traced.light_map.with_pattern(Pattern.parse(text, "mine.glsl"))
+    first, *lines = str(told.value).splitlines()
+    assert first == "mine.glsl does not compile:"
+    assert lines[0].startswith(f"mine.glsl:{line}: ")
+    assert "error" in lines[0]
+    assert ("ends too early" in lines[0]) == ("at the end" in mistake)
+    assert all(re.match(r"mine\.glsl:\d+: ", each) for each in lines)
+    assert not re.search(r"shaders/|SemanticError|Token|naga", str(told.value))
+    assert capfd.readouterr().err == ""
+
+
+def test_a_function_that_the_program_cannot_call_is_told_as_it_must_be(traced):
+    text = "float pattern(float light) {\n    return light;\n}\n"
+    with pytest.raises(PatternError, match=f"must define {re.escape(HEAD)}") as told:
+        traced.light_map.with_pattern(Pattern.parse(text, "mine.glsl"))
+    assert "shaders/" not in str(told.value)
+    assert "warning" not in str(told.value)
+
+
+@pytest.mark.parametrize(
+    "log",
+    [
+        '0(1) : warning C7050: "d" might be used before being initialized\n'
+        '0(200003) : error C1008: undefined variable "lihgt"\n',
+        "WARNING: 0:1: 'd' : used uninitialized\n"
+        "ERROR: 0:200003: Use of undeclared identifier 'lihgt'\n",
+        "0:1(3): warning: `d' used uninitialized\n0:200003(9): error: `lihgt' undeclared\n",
+    ],
+    ids=["NVIDIA", "Apple", "Mesa"],
+)
+def test_every_compiler_s_messages_are_reduced_to_the_user_s(log):
+    light = pattern("float a = light;\nreturn lihgt;")
+    said = own_lines(named_files(log, ("shaders/a", "shaders/b", light.file)), light)
+    assert said.startswith("mine.glsl:3: ")
+    assert "lihgt" in said
+    assert "\n" not in said
+
+
 def test_a_pattern_on_a_backend_without_shaders_is_refused_by_name(opencl):
     with pytest.raises(BackendError, match="opengl or vulkan"):
         opencl.trace(check_station()).with_pattern(Pattern.read("binary"))
@@ -170,6 +231,10 @@ def test_a_pattern_on_a_backend_without_shaders_is_refused_by_name(opencl):
         ("// float pattern(float a)", "must define one of"),
         (f'#include "/etc/passwd"\n{HEAD} {{ return 1.0; }}', "#include is not for a pattern"),
         (f"#version 450\n{HEAD} {{ return 1.0; }}", "#version is not for a pattern"),
+        (f"{HEAD};", "must define one of"),
+        (f"{HEAD} {{ return 1.0; }}\n/* the end", r"mine\.glsl:2: a comment begins here"),
+        (f"#if 1\n{HEAD} {{ return 1.0; }}", "an #if has no #endif"),
+        (f"/* §\n*/ {HEAD} {{\n return 1.0 § 2.0; }}", r"mine\.glsl:3: '§' is no character"),
     ],
 )
 def test_a_file_that_is_no_pattern_is_refused_with_what_to_write(text, told):
