@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gpuspec import __version__
+from gpuspec import __version__, words
 from gpuspec.devices_command import devices
 from gpuspec.errors import GpuspecError
 from gpuspec.studies import commands as studies
@@ -47,6 +47,8 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # of a help text no word is markup: [sweep] is the file's table
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.add_typer(studies.app, name="study")
 
@@ -62,7 +64,7 @@ def simulate(
     change: SetOption = None,
     force: ForceOption = False,
 ) -> None:
-    """Simulate a station: trace, aspect image, segmentation, score, pictures."""
+    """Simulate a station: images, segmentation, score, pictures."""
     from gpuspec.station import Station
 
     _run(changed(Station.read(station), change), output, backend, device, frames, pictures, force)
@@ -115,7 +117,7 @@ def prototype(
     change: SetOption = None,
     force: ForceOption = False,
 ) -> None:
-    """Try a light of your own: its images, aspect image, segmentation and score at once."""
+    """Try a light of your own. Its images, aspect image, segmentation and score come at once."""
     from gpuspec.patterns import Pattern
     from gpuspec.prototype import bench, planned, watch
     from gpuspec.station import Station
@@ -131,9 +133,9 @@ def prototype(
         score = rendered.summary["score"]
         p2 = "undefined" if score["p2"] is None else f"{score['p2']:.3f}"
         print(
-            f"{light.file}: P1 {score['p1']:.3f}, P2 {p2}, {score['defects_hit']} of "
-            f"{score['defects']} defects hit, {score['false_blobs']} false blobs; "
-            f"{rendered.seconds:.2f} s, results in {where}"
+            f"{light.file}: {words.P1} {score['p1']:.3f}, {words.P2} {p2} ({words.BEST}), "
+            f"{score['defects_hit']} of {score['defects']} defects hit, {score['false_blobs']} "
+            f"false blobs; {rendered.seconds:.2f} s, results in {where}"
         )
         print_notes(rendered.summary["warnings"])
         print_assumptions(rendered.summary["assumptions"])
@@ -225,10 +227,10 @@ def _run(
 
 
 def _summarise(result: Result, output: Path, chosen: bool) -> None:
-    from rich.table import Table
     from rich.text import Text
 
     from gpuspec.devices import BACKENDS
+    from gpuspec.tables import print_score, print_table
 
     score = result.score
     rows, columns = result.station.shape
@@ -241,24 +243,20 @@ def _summarise(result: Result, output: Path, chosen: bool) -> None:
         ),
         soft_wrap=True,
     )
-    table = Table(show_header=False, box=None)
-    undefined = f"undefined ({score.undefined})"
-    table.add_row("P1 (overdetection)", f"{score.p1:.3f}", "share of detected pixels inside zones")
-    table.add_row(
-        "P2 (misdetection)", undefined if score.p2 is None else f"{score.p2:.3f}",
-        "share of zone pixels detected",
-    )  # fmt: skip
-    table.add_row("F1", "-" if score.f1 is None else f"{score.f1:.3f}", "")
-    table.add_row("defects hit", f"{score.defects_hit} of {score.defects}", "")
-    table.add_row("blobs", f"{score.blobs}", f"{score.false_blobs} false")
-    flawless = f"flawless {result.flawless_dn:.1f} DN"
-    table.add_row("threshold", f"{result.threshold:.1f} DN", flawless)
-    out.print(table)
-    confusion = Table("known \\ found", *result.confusion.columns, title="classes")
-    for row, counts in zip(result.confusion.rows, result.confusion.counts, strict=True):
-        confusion.add_row(row, *map(str, counts))
+    print_score(
+        f"{score.p1:.3f}",
+        f"undefined ({score.undefined})" if score.p2 is None else f"{score.p2:.3f}",
+        "-" if score.f1 is None else f"{score.f1:.3f}",
+        [
+            ("defects hit", f"{score.defects_hit} of {score.defects}", ""),
+            ("blobs", f"{score.blobs}", f"{score.false_blobs} false"),
+            ("threshold", f"{result.threshold:.1f} DN", f"flawless {result.flawless_dn:.1f} DN"),
+        ],
+    )
     if score.defects or score.blobs:
-        out.print(confusion)
+        found = zip(result.confusion.rows, result.confusion.counts, strict=True)
+        table = [(name, *map(str, counts)) for name, counts in found]
+        print_table(table, ["known \\ found", *result.confusion.columns], title="classes")
     print_notes(result.warnings)
     print_assumptions(result.assumptions)
     out.print(Text.assemble("results in ", (str(output), "bold")), soft_wrap=True)

@@ -22,7 +22,7 @@ def devices(
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, for a report.")] = False,
 ) -> None:
-    """List backends and devices: what is there, what is chosen, why not the others."""
+    """List backends and devices. Says what is chosen, and why not the others."""
     from gpuspec.devices import survey, tested
     from gpuspec.errors import BackendError
 
@@ -59,20 +59,14 @@ def _json(found: list[Found], results: list[DeviceReport]) -> dict[str, object]:
 
 
 def _print_list(found: list[Found]) -> None:
-    from rich.table import Column, Table
+    from gpuspec.tables import print_table
 
-    remark = Column("", overflow="fold")  # what to install is copied from here
-    table = Table("backend", "device", "driver", "version", remark)
+    rows = []
     for entry in found:
-        if entry.info is None:
-            table.add_row(entry.backend, "-", "-", "-", entry.remark)
-        else:
-            info = entry.info
-            table.add_row(
-                entry.backend, f"{entry.number}: {info.device}", info.driver, info.version,
-                entry.remark,
-            )  # fmt: skip
-    console().print(table)
+        info = entry.info
+        told = (f"{entry.number}: {info.device}", info.driver, info.version) if info else ("-",) * 3
+        rows.append((entry.backend, *told, entry.remark))
+    print_table(rows, ("backend", "device", "driver", "version", ""))
 
 
 def _print_test(results: list[DeviceReport]) -> None:

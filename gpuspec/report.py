@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec import __version__
+from gpuspec import __version__, words
 from gpuspec.files import Outputs, Space, folder_of
 from gpuspec.inspection import Result
 from gpuspec.station import Station
@@ -174,6 +174,7 @@ def summary(result: Result) -> dict[str, Any]:
         "threshold_dn": result.threshold,
         "flawless_dn": result.flawless_dn,
         "score": result.score.as_dict(),
+        "score_legend": words.LEGEND,
         "classes": {str(n): int(c) for n, c in zip(names, counts, strict=True)},
         "confusion": {
             row: dict(zip(result.confusion.columns, map(int, line), strict=True))

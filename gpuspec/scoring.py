@@ -1,8 +1,8 @@
-"""How well the defects are detected: overdetection P1, misdetection P2.
+"""How well the defects are detected: precision P1 (overdetection), recall P2 (misdetection).
 
 The paper's two figures (Seulin, Merienne, Gorria), with n_Z the detected pixels inside the zones,
-n_0 those outside, N_Z the pixels of the zones: P1 = n_Z/(n_Z + n_0), P2 = n_Z/N_Z. High is good for
-both; elsewhere they are called precision and recall. What they become where nothing is detected or
+n_0 those outside, N_Z the pixels of the zones: P1 = n_Z/(n_Z + n_0), P2 = n_Z/N_Z. 1 is best for
+both: the paper calls them by what they guard against. What they become where nothing is detected or
 nothing is there to detect is ours, and so are the counts of defects and blobs.
 """
 
@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from gpuspec.segmentation import LabelImage, Mask, check_label_image, check_mask
 
-__all__ = ["Score", "misdetection", "overdetection", "score"]
+__all__ = ["Score", "precision", "recall", "score"]
 
 
 @dataclass(frozen=True)
@@ -26,9 +26,11 @@ class Score:
     Attributes
     ----------
     p1 : float
-        Overdetection n_Z/(n_Z + n_0); 1 if no pixel is detected outside the zones.
+        Precision n_Z/(n_Z + n_0), the paper's overdetection; 1, the best, if no pixel is detected
+        outside the zones.
     p2 : float or None
-        Misdetection n_Z/N_Z; None, undefined, if no valid pixel is in a zone.
+        Recall n_Z/N_Z, the paper's misdetection, 1 the best; None, undefined, if no valid pixel is
+        in a zone.
     f1 : float or None
         2·P1·P2/(P1 + P2); 0 if both are 0, None if P2 is.
     zone_px, hit_px, false_px : int
@@ -73,19 +75,19 @@ class Score:
     def summary(self) -> str:
         """The score in one sentence."""
         p2 = (
-            f"P2 undefined ({self.undefined})"
+            f"recall P2 undefined ({self.undefined})"
             if self.p2 is None
-            else f"P2 {self.p2:.3f} ({self.hit_px} of {self.zone_px} zone pixels detected)"
+            else f"recall P2 {self.p2:.3f} ({self.hit_px} of {self.zone_px} zone pixels detected)"
         )
         unseen = f" ({self.unseen} unseen)" if self.unseen else ""
         return (
-            f"P1 {self.p1:.3f} ({self.false_px} of {self.hit_px + self.false_px} detected pixels "
-            f"outside the zones), {p2}, {self.defects_hit} of {self.defects} defects hit{unseen}, "
-            f"{self.false_blobs} of {self.blobs} blobs false."
+            f"Precision P1 {self.p1:.3f} ({self.false_px} of {self.hit_px + self.false_px} "
+            f"detected pixels outside the zones), {p2}, {self.defects_hit} of {self.defects} "
+            f"defects hit{unseen}, {self.false_blobs} of {self.blobs} blobs false."
         )
 
 
-def overdetection(hit_px: npt.ArrayLike, false_px: npt.ArrayLike) -> npt.NDArray[np.float64]:
+def precision(hit_px: npt.ArrayLike, false_px: npt.ArrayLike) -> npt.NDArray[np.float64]:
     """Return P1 = n_Z/(n_Z + n_0), 1 where n_0 is 0.
 
     Parameters
@@ -97,7 +99,7 @@ def overdetection(hit_px: npt.ArrayLike, false_px: npt.ArrayLike) -> npt.NDArray
     return np.where(false > 0, hit / np.maximum(hit + false, 1), 1.0)
 
 
-def misdetection(hit_px: npt.ArrayLike, zone_px: npt.ArrayLike) -> npt.NDArray[np.float64]:
+def recall(hit_px: npt.ArrayLike, zone_px: npt.ArrayLike) -> npt.NDArray[np.float64]:
     """Return P2 = n_Z/N_Z, NaN where there is no pixel in a zone."""
     hit, zone = np.asarray(hit_px, np.float64), np.asarray(zone_px, np.float64)
     return np.where(zone > 0, hit / np.maximum(zone, 1), np.nan)
@@ -146,8 +148,8 @@ def score(labels: LabelImage, truth: LabelImage, valid: Mask, defects: int) -> S
 
     zone_px, hit_px = zone.size, int(defect_hit_px.sum())
     false_px = blob.size - hit_px
-    p1 = float(overdetection(hit_px, false_px))
-    p2 = float(misdetection(hit_px, zone_px)) if zone_px else None
+    p1 = float(precision(hit_px, false_px))
+    p2 = float(recall(hit_px, zone_px)) if zone_px else None
     return Score(
         p1=p1,
         p2=p2,

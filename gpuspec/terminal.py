@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import io
 import os
+import re
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -13,8 +14,11 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 import typer
 
+from gpuspec import words
+
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.text import Text
 
     from gpuspec.files import Outputs
     from gpuspec.station import Station
@@ -52,6 +56,8 @@ SetOption = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Change a key, e.g. tunnel.dark_mm=8."),
 ]
+GOAL_HELP = f"What is to be highest: p1, {words.P1}; p2, {words.P2}; or f1, of both."
+P1_FLOOR_HELP, P2_FLOOR_HELP = (f"Least {name}; {words.BEST}." for name in (words.P1, words.P2))
 
 
 def changed(station: Station, changes: list[str] | None) -> Station:
@@ -171,10 +177,39 @@ def extra(name: str) -> Iterator[None]:
 
 
 def console(*, stderr: bool = False) -> Console:
-    """Return a terminal that prints names as they are: ``[a]`` and ``:b:`` mean nothing in them."""
-    from rich.console import Console
+    """Return a terminal that prints names as they are: ``[a]`` and ``:b:`` mean nothing in them.
 
-    return Console(stderr=stderr, markup=False, emoji=False, highlight=False)
+    What is printed with ``soft_wrap`` is one line in a file or a pipe. On a terminal its lines end
+    between words, and what is longer than a line, say a path, is left whole.
+    """
+    from rich.console import Console
+    from rich.text import Text
+
+    class Terminal(Console):
+        def print(self, *objects: Any, **style: Any) -> None:
+            if style.get("soft_wrap") and self.is_terminal:
+                objects = tuple(
+                    _between_words(Text(thing) if isinstance(thing, str) else thing, self.width)
+                    for thing in objects
+                )
+            super().print(*objects, **style)
+
+    return Terminal(stderr=stderr, markup=False, emoji=False, highlight=False)
+
+
+def _between_words(text: Text, width: int) -> Text:
+    """Break a text into lines of so many letters, each of whole words."""
+    from rich.text import Text
+
+    start, breaks = 0, []
+    for word in re.finditer(r"\S+\s*", text.plain):
+        if word.start() > start and len(text.plain[start : word.end()].rstrip()) > width:
+            start = word.start()
+            breaks.append(start)
+    lines = text.divide(breaks)
+    for line in lines[:-1]:
+        line.rstrip()
+    return Text("\n").join(lines)
 
 
 class _Stdout:
@@ -182,6 +217,7 @@ class _Stdout:
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
+        self._failure: Exception | None = None
 
     def write(self, text: str) -> int:
         with self._told():
@@ -196,6 +232,8 @@ class _Stdout:
 
     @contextmanager
     def _told(self) -> Iterator[None]:
+        if self._failure:  # whoever tried the stream first may have kept it to himself
+            raise self._failure
         try:
             yield
         except OSError as error:
@@ -205,10 +243,11 @@ class _Stdout:
                 sys.exit(1)
             from gpuspec.errors import OutputError
 
-            raise OutputError(
+            self._failure = OutputError(
                 f"standard output cannot be written: {error.strerror}; choose another place for "
                 f"what is printed. Results in folders are not affected."
-            ) from None
+            )
+            raise self._failure from None
 
 
 @contextmanager

@@ -23,6 +23,7 @@ from gpuspec.devices import BACKENDS, open_backend
 from gpuspec.report import FILES
 from gpuspec.station import Station
 from gpuspec.stationfile import examples
+from gpuspec.words import BEST, SCORES
 
 COMMANDS = (
     "simulate",
@@ -46,7 +47,14 @@ def test_simulate_writes_every_file_and_says_how_well_it_did(folder):
     assert (ran.code, ran.err) == (0, "")
     assert names(folder / "run") == set(FILES)
     assert {path.name for path in folder.iterdir()} == {"s.toml", "run"}
-    for words in ("s.toml: 120 x 60 pixels", "P1", "P2", "1 of 1", "opencl on", "results in run"):
+    for words in (
+        "s.toml: 120 x 60 pixels",
+        *SCORES.values(),
+        BEST,
+        "1 of 1",
+        "opencl on",
+        "results in run",
+    ):
         assert words in ran.out
 
 
@@ -80,6 +88,24 @@ def test_help_lists_every_command(gpuspec_):
     assert all(group in ran.out for group in groups)
 
 
+@pytest.mark.parametrize("command", [*COMMANDS, "study tolerance"])
+def test_help_shows_its_words_as_they_are(gpuspec_, command):
+    """Brackets are no markup in it: `[sweep]` is a table of the station file."""
+    ran = gpuspec_(*command.split(), "-h")
+    assert ran.out == gpuspec_(*command.split(), "--help").out
+    assert not {"╭", "│"} & set(ran.out)
+    if command in ("sweep", "optimise"):
+        assert "[sweep]" in ran.out
+
+
+@pytest.mark.parametrize("group", ["", "study"])
+def test_no_line_of_the_commands_is_cut_off_at_80_columns(gpuspec_, group, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    shown = gpuspec_(*group.split(), "-h").out
+    assert "..." not in shown.partition("Commands:")[2]
+    assert all(len(line) <= 80 for line in shown.splitlines())
+
+
 def test_help_starts_without_the_libraries_that_simulate(folder):
     heavy = ["numpy", "scipy", "skimage", "matplotlib", "pyopencl", "tifffile", "pydantic", "PIL"]
     code = f"import sys, gpuspec.cli; print([n for n in {heavy} if n in sys.modules])"
@@ -106,7 +132,7 @@ def test_a_reader_that_stops_listening_is_no_error(folder):
 
 @pytest.mark.parametrize(
     "arguments",
-    ["", "--help", "--version", "schema", "devices", "simulate --help", "study --help", "init new",
+    ["--help", "--version", "schema", "devices", "simulate --help", "study --help", "init new",
      "simulate s.toml --no-pictures --backend numpy", "study height s.toml",
      "sweep s.toml --vary tunnel.dark_mm=1:4:4 --backend numpy"],
 )  # fmt: skip
@@ -148,7 +174,7 @@ def test_init_writes_a_file_that_simulate_takes(gpuspec_):
     assert "distance of two pixels" in text  # each key explained
     again = gpuspec_("simulate", "new.toml", "--set", "camera.sampling_mm=0.5", "--no-pictures")
     assert again.code == 0
-    assert Path("run/score.json").exists()
+    assert BEST in json.loads(Path("run/score.json").read_text("utf-8"))["score_legend"]
 
 
 def test_init_replaces_a_file_only_when_told(gpuspec_):
@@ -228,9 +254,15 @@ def test_a_device_is_taken_by_number_and_by_name(gpuspec_):
         ("simulate binary.toml", "cannot be read as UTF-8"),
         ("simulate brackets.toml", "not a valid TOML file"),
         ("simulate s.toml --backend cuda", "'cuda' is not known; choose one of auto, opencl"),
-        ("simulate s.toml --backend opencl --device 99", "no device '99'; there are 0: "),
+        (
+            "simulate s.toml --backend opencl --device 99",
+            "device '99'; choose by number or name",
+        ),
         ("simulate s.toml --device ²", "no device '²'"),
-        ("simulate s.toml --backend numpy --device gpu", "numpy: no device 'gpu'; there is 0: cpu"),
+        (
+            "simulate s.toml --backend numpy --device gpu",
+            "'gpu'; choose by number or name from 0 (cpu)",
+        ),
         ("simulate s.toml --set camera.sampling_mm", "write it as KEY=VALUE"),
         ("simulate s.toml --set camera.pixel=1", "camera.pixel is not a known key"),
         ("simulate s.toml --set camera.sampling_mm=fine", "must be a number"),

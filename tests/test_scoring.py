@@ -45,7 +45,7 @@ def test_detecting_the_zones_exactly_is_perfect() -> None:
     assert (perfect.defects_hit, perfect.false_blobs) == (2, 0)
 
 
-def test_an_empty_detection_has_no_overdetection_and_finds_nothing() -> None:
+def test_an_empty_detection_is_precise_and_finds_nothing() -> None:
     empty = score(NOTHING, TRUTH, EVERYWHERE, 2)
     assert (empty.p1, empty.p2, empty.f1) == (1, 0, 0)
     assert (empty.blobs, empty.defects_hit) == (0, 0)
@@ -56,7 +56,7 @@ def test_detecting_only_elsewhere_has_every_figure_at_zero() -> None:
     assert (wrong.p1, wrong.p2, wrong.f1) == (0, 0, 0)
 
 
-def test_on_a_flawless_part_misdetection_is_undefined() -> None:
+def test_on_a_flawless_part_recall_is_undefined() -> None:
     clean = score(NOTHING, NOTHING, EVERYWHERE, 0)
     assert (clean.p1, clean.p2, clean.f1) == (1, None, None)
     assert "the part is flawless" in clean.summary
@@ -98,8 +98,8 @@ def test_the_summary_is_a_sentence() -> None:
     labels = np.where(TRUTH == 1, 1, 0)
     labels[2, 5] = 2
     assert score(labels, TRUTH, EVERYWHERE, 2).summary == (
-        "P1 0.800 (1 of 5 detected pixels outside the zones), P2 0.500 (4 of 8 zone pixels "
-        "detected), 1 of 2 defects hit, 1 of 2 blobs false."
+        "Precision P1 0.800 (1 of 5 detected pixels outside the zones), recall P2 0.500 (4 of 8 "
+        "zone pixels detected), 1 of 2 defects hit, 1 of 2 blobs false."
     )
 
 

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from gpuspec.studies.outcome import Outcome
 
 app = typer.Typer(
-    help="Study a station: signature, height, coverage, tolerance; each a figure and a table.",
+    help="Study a station: signature, height, coverage, tolerance. "
+    "Each writes a figure and a table.",
     no_args_is_help=True,
 )
 
@@ -48,7 +49,7 @@ def signature(
     change: SetOption = None,
     force: ForceOption = False,
 ) -> None:
-    """Signature of a defect against its distance to the light transition."""
+    """Signature of a defect over its distance to a transition."""
     from gpuspec.studies import signature
     from gpuspec.studies.deflection import described
     from gpuspec.studies.outcome import outputs
@@ -74,7 +75,7 @@ def height(
     change: SetOption = None,
     force: ForceOption = False,
 ) -> None:
-    """Height against orientation: how far each moves the light point, over camera distance."""
+    """How far height and orientation move the light point. Over the camera's distance."""
     from gpuspec.studies import height
     from gpuspec.studies.deflection import described
     from gpuspec.studies.outcome import outputs
@@ -94,7 +95,7 @@ def coverage(
     change: SetOption = None,
     force: ForceOption = False,
 ) -> None:
-    """Scan coverage: how near a transition comes to each point, and which are blind."""
+    """How near a transition comes to each point, and which are blind."""
     from gpuspec.studies import coverage
     from gpuspec.studies.deflection import described
     from gpuspec.studies.outcome import outputs
@@ -128,7 +129,7 @@ def tolerance(
     change: SetOption = None,
     force: ForceOption = False,
 ) -> None:
-    """Tolerance of a chosen design to pose, heights and reflectivity, its threshold held."""
+    """Tolerance of a design to pose, heights and reflectivity. Its threshold is held."""
     from gpuspec.studies import tolerance
     from gpuspec.studies.outcome import outputs
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from gpuspec import words
 from gpuspec.backends import BESIDE, Backend, DeviceInfo
 from gpuspec.devices import open_backend
 from gpuspec.errors import StationError
@@ -55,12 +56,12 @@ class Perturbation:
 
     @property
     def p1(self) -> Array:
-        """Overdetection, shape (n,)."""
+        """Precision P1, shape (n,)."""
         return np.array([found.p1 for found in self.scores])
 
     @property
     def p2(self) -> Array:
-        """Misdetection, shape (n,); NaN where no zone is seen."""
+        """Recall P2, shape (n,); NaN where no zone is seen."""
         return np.array([math.nan if s.p2 is None else s.p2 for s in self.scores])
 
     @property
@@ -124,9 +125,9 @@ class Tolerance(Outcome):
         """See :meth:`Outcome.findings`."""
         nominal = self.nominal
         said = [
-            f"Nominal: P1 {nominal.p1:.3f}, P2 {nominal.p2:.3f}, {nominal.defects_hit} of "
-            f"{nominal.defects} defects hit, at the threshold of {self.threshold_dn:.5g} DN that "
-            f"is held."
+            f"Nominal: {words.P1} {nominal.p1:.3f}, {words.P2} {nominal.p2:.3f} ({words.BEST}), "
+            f"{nominal.defects_hit} of {nominal.defects} defects hit, at the threshold of "
+            f"{self.threshold_dn:.5g} DN that is held."
         ]
         for p in self.perturbations:
             fewest = min(found.defects_hit for found in p.scores)

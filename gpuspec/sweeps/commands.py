@@ -70,7 +70,7 @@ def sweep(
     device: DeviceOption = None,
     change: SetOption = None,
 ) -> None:
-    """Try every design of a grid at every threshold; run again to go on where it was."""
+    """Try every design of a grid at every threshold. Run again to go on where it was."""
     with extra("sweep"):
         from gpuspec.sweeps.axes import vary_options
         from gpuspec.sweeps.notes import ideals_of_plan, of_plan, of_table
@@ -158,17 +158,17 @@ def _swept(plan: Plan, output: Path, crew: Crew) -> tuple[RunFolder, float]:
 
 
 def _print_plan(plan: Plan, told: Estimate, done: int, output: Path) -> None:
-    from rich.table import Table
+    from gpuspec.tables import print_table
+    from gpuspec.words import number, plural
 
     out = console()
-    table = Table("key", "from", "to", "values", title=f"sweep of {plan.station.file}")
-    for a in plan.axes:
-        table.add_row(a.key, f"{min(a.values):g}", f"{max(a.values):g}", str(len(a.values)))
-    out.print(table)
+    rows = [(a.key, number(min(a.values)), number(max(a.values)), str(len(a.values)))
+            for a in plan.axes]  # fmt: skip
+    print_table(rows, ("key", "from", "to", "values"), title=f"sweep of {plan.station.file}")
     way = f"screening, {plan.samples:,} pixels of a part" if plan.samples else "exact"
     out.print(
-        f"{told.designs:,} designs at 256 thresholds, on {plan.parts} part(s); {told.traces:,} "
-        f"light map(s) to trace; {way}",
+        f"{plural(told.designs, 'design')} at 256 thresholds, on {plural(plan.parts, 'part')}; "
+        f"{plural(told.traces, 'light map')} to trace; {way}",
         soft_wrap=True,
     )
     time_ = "not known yet" if told.seconds is None else f"about {_duration(told.seconds)}"

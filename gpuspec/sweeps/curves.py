@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.levels import LEVELS, Levels
-from gpuspec.scoring import misdetection, overdetection
+from gpuspec.scoring import precision, recall
 from gpuspec.sweeps.parts import TracedPart
 from gpuspec.sweeps.sampling import Bounds
 
@@ -82,23 +82,23 @@ class Curves:
 
     @property
     def p1(self) -> Floats:
-        """Overdetection over all parts, shape (D, 256)."""
-        return overdetection(self.hit_px.sum(axis=0), self.false_px.sum(axis=0))
+        """Precision over all parts, shape (D, 256)."""
+        return precision(self.hit_px.sum(axis=0), self.false_px.sum(axis=0))
 
     @property
     def p1_low(self) -> Floats:
         """Least P1 there may be, shape (D, 256)."""
-        return overdetection(self.hit_px.sum(axis=0), self.false_high)
+        return precision(self.hit_px.sum(axis=0), self.false_high)
 
     @property
     def p1_high(self) -> Floats:
         """Greatest P1 there may be, shape (D, 256)."""
-        return overdetection(self.hit_px.sum(axis=0), self.false_low)
+        return precision(self.hit_px.sum(axis=0), self.false_low)
 
     @property
     def p2(self) -> Floats:
-        """Misdetection over all parts, shape (D, 256)."""
-        return misdetection(self.hit_px.sum(axis=0), self.zone_px.sum())
+        """Recall over all parts, shape (D, 256)."""
+        return recall(self.hit_px.sum(axis=0), self.zone_px.sum())
 
 
 def _above(counts: Ints) -> Ints:

@@ -7,7 +7,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gpuspec.terminal import ForceOption, PicturesOption, console, extra, folder, progress
+from gpuspec import words
+from gpuspec.terminal import (
+    GOAL_HELP,
+    P1_FLOOR_HELP,
+    P2_FLOOR_HELP,
+    ForceOption,
+    PicturesOption,
+    console,
+    extra,
+    folder,
+    progress,
+)
 
 if TYPE_CHECKING:
     from gpuspec.sweeps.chosen import Choice
@@ -17,7 +28,6 @@ FILES = (
     "front.csv", "chosen.json", "sensitivity.csv", "front.png", "maps.png", "sensitivity.png",
 )  # fmt: skip
 NEXT = 10
-_WITHOUT_KEYS, _OF_A_KEY = 44, 9  # columns of the terminal, about
 
 
 def front(
@@ -32,14 +42,12 @@ def front(
             help="For the results. Not given: RUN/front, or RUN/front-2 ... for other rules.",
         ),
     ] = None,
-    goal: Annotated[
-        str, typer.Option("--goal", help="What is to be highest: p1, p2 or f1.")
-    ] = "p1",
+    goal: Annotated[str, typer.Option("--goal", help=GOAL_HELP)] = "p1",
     hit_share: Annotated[
         float, typer.Option("--hit-share", help="Least share of the defects that must be hit.")
     ] = 1.0,
-    p2_floor: Annotated[float, typer.Option("--p2-floor", help="Least P2.")] = 0.85,
-    p1_floor: Annotated[float, typer.Option("--p1-floor", help="Least P1.")] = 0.0,
+    p2_floor: Annotated[float, typer.Option("--p2-floor", help=P2_FLOOR_HELP)] = 0.85,
+    p1_floor: Annotated[float, typer.Option("--p1-floor", help=P1_FLOOR_HELP)] = 0.0,
     write: Annotated[
         Path | None,
         typer.Option("--write", help="Write the chosen station, e.g. best.toml, to simulate it."),
@@ -47,7 +55,10 @@ def front(
     force: ForceOption = False,
     pictures: PicturesOption = True,
 ) -> None:
-    """Choose from a sweep: the best design and its threshold, P2 versus P1, maps, sensitivity."""
+    """Choose the best design and its threshold from a sweep.
+
+    Draws recall P2 over precision P1, maps of the score, and how far each value may move.
+    """
     with extra("sweep"):
         from gpuspec.sweeps.choice import Rule
         from gpuspec.sweeps.chosen import choose, most_defects
@@ -153,10 +164,10 @@ def _draw(folder: Path, choice: Choice, found: list[Line], maps: Any) -> None:
 
 
 def _print_choice(choice: Choice, found: list[Line]) -> None:
-    from rich.table import Table
     from rich.text import Text
 
     from gpuspec.sweeps.sensitivity import SHARE
+    from gpuspec.tables import print_score, print_table
 
     out = console()
     best = choice.best
@@ -164,58 +175,62 @@ def _print_choice(choice: Choice, found: list[Line]) -> None:
     out.print(
         Text.assemble(
             (str(choice.run.path), "bold"),
-            f": {there:,} design(s), {len(choice.ranked.design):,} on the front",
+            f": {words.plural(there, 'design')}, {len(choice.ranked.design):,} on the front",
         ),
         soft_wrap=True,
     )
     out.print(f"rule: {choice.rule}", soft_wrap=True)
     for note in _notes(choice, found, there):
         out.print(Text.assemble(("note: ", "yellow"), note), soft_wrap=True)
-    table = Table(
-        f"design {best.design}", "chosen", f"within {SHARE:.0%}", "within, threshold held",
-        title="chosen", title_justify="left",
-    )  # fmt: skip
     tolerated = {line.key: line for line in found}
+    rows = []
     for key, value in best.values.items():
         line = tolerated[key]
         ranges = (line.tolerated(course) for course in (line.own, line.held))
-        table.add_row(key, f"{value:g}", *ranges)
+        rows.append((key, words.number(value), *ranges))
+    heads = (f"design {best.design}", "chosen", f"within {SHARE:.0%}", "within, threshold held")
+    print_table(rows, heads, title="chosen")
     bound = "" if best.exact else "<= "
-    table.add_section()
-    table.add_row("threshold", f"{best.threshold_dn:.6g} DN")
-    table.add_row("P1 (overdetection)", f"{bound}{best.p1:.4f}")
-    table.add_row("P2 (misdetection)", f"{best.p2:.4f}")
-    table.add_row("F1", f"{bound}{best.f1:.4f}")
-    table.add_row("defects hit", f"{best.hits} of {choice.defects}")
-    out.print(table)
+    print_score(
+        f"{bound}{best.p1:.4f}", f"{best.p2:.4f}", f"{bound}{best.f1:.4f}",
+        [
+            ("defects hit", f"{best.hits} of {choice.defects}", ""),
+            ("threshold", f"{best.threshold_dn:.6g} DN", ""),
+        ],
+    )  # fmt: skip
     _print_next(choice, [line.key for line in found])
 
 
 def _print_next(choice: Choice, keys: list[str]) -> None:
     """Print the designs after the chosen one, with as many keys as fit, the first ones first."""
-    from rich.table import Table
+    from gpuspec.tables import fits, print_table
 
     others = range(1, min(NEXT + 1, len(choice.ranked.p1)))
     if not others:
         return
-    out = console()
-    shown = keys[: max((out.width - _WITHOUT_KEYS) // _OF_A_KEY, 1)]
+    points = [choice.described(choice.ranked, number) for number in others]
+    for count in range(len(keys), -1, -1):
+        shown = [key for key in choice.best.values if key in keys[:count]]
+        heads = ("design", *_short(shown), "DN", "P1", "P2", "F1", "hits")
+        rows = [
+            (
+                str(one.design), *(words.number(one.values[key]) for key in shown),
+                f"{one.threshold_dn:.5g}", *(f"{v:.3f}" for v in (one.p1, one.p2, one.f1)),
+                str(one.hits),
+            )
+            for one in points
+        ]  # fmt: skip
+        if fits(rows, heads, framed=False):
+            break
     left_out = "" if len(shown) == len(keys) else "; all keys in front.csv"
-    shown = [key for key in choice.best.values if key in shown]
-    table = Table(
-        "design", *(key.rpartition(".")[2] for key in shown), "DN", "P1", "P2", "F1", "hits",
-        box=None, title=f"next on the front, by the rule{left_out}", title_justify="left",
-    )  # fmt: skip
-    for column in table.columns:
-        column.justify, column.overflow = "right", "fold"
-    for number in others:
-        one = choice.described(choice.ranked, number)
-        table.add_row(
-            str(one.design), *(f"{one.values[key]:g}" for key in shown),
-            f"{one.threshold_dn:.5g}", *(f"{v:.3f}" for v in (one.p1, one.p2, one.f1)),
-            str(one.hits),
-        )  # fmt: skip
-    out.print(table)
+    print_table(rows, heads, title=f"next on the front, by the rule{left_out}", framed=False,
+                right=True)  # fmt: skip
+
+
+def _short(keys: list[str]) -> list[str]:
+    """Return keys without their section, where none is meant twice."""
+    last = [key.rpartition(".")[2] for key in keys]
+    return [word if last.count(word) == 1 else key for word, key in zip(last, keys, strict=True)]
 
 
 def _notes(choice: Choice, lines: list[Line], there: int) -> list[str]:

@@ -16,6 +16,7 @@ from gpuspec.sweeps.choice import f1_of
 from gpuspec.sweeps.chosen import Choice
 from gpuspec.sweeps.front import COLUMNS, Points
 from gpuspec.sweeps.scores import Scores, rows_of
+from gpuspec.words import number
 
 SHARE = 0.05
 """Of the score, by which it may fall within a tolerated range."""
@@ -84,13 +85,14 @@ class Line:
         (low, high), (least, most) = self.span(course), (self.values[0], self.values[-1])
         if least == most:
             return "one value swept"
+        from_, to = number(low), number(high)
         if (low, high) == (least, most):
-            return f"all, {low:g} to {high:g}"
+            return f"all, {from_} to {to}"
         if low == high:
-            return f"only {low:g}"
+            return f"only {from_}"
         if low == least:
-            return f"up to {high:g}"
-        return f"from {low:g} on" if high == most else f"{low:g} to {high:g}"
+            return f"up to {to}"
+        return f"from {from_} on" if high == most else f"{from_} to {to}"
 
 
 def lines(choice: Choice) -> list[Line]:

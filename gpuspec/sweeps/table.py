@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from gpuspec import __version__
+from gpuspec import __version__, words
 from gpuspec.backends import DeviceInfo
 from gpuspec.levels import LEVELS, thresholds
-from gpuspec.scoring import misdetection, overdetection
+from gpuspec.scoring import precision, recall
 from gpuspec.station import Station
 from gpuspec.sweeps.choice import Rule, f1_of
 from gpuspec.sweeps.curves import Curves
@@ -26,15 +26,15 @@ _COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     ("defects", pa.int32(), "known defects with a pixel in view, of all parts"),
     ("zone_px", pa.int64(), "pixels of their zones"),
     ("threshold_dn", pa.float64(), "best threshold"),
-    ("best_p1", pa.float64(), "overdetection P1 there"),
-    ("best_p2", pa.float64(), "misdetection P2 there"),
+    ("best_p1", pa.float64(), f"{words.P1} there; {words.BEST}"),
+    ("best_p2", pa.float64(), f"{words.P2} there; {words.BEST}"),
     ("best_f1", pa.float64(), "F1 there"),
     ("best_hits", pa.int32(), "defects hit there"),
-    ("part_p1", pa.list_(pa.float64()), "P1 there of each part"),
-    ("part_p2", pa.list_(pa.float64()), "P2 there of each part"),
+    ("part_p1", pa.list_(pa.float64()), f"{words.P1} there of each part"),
+    ("part_p2", pa.list_(pa.float64()), f"{words.P2} there of each part"),
     ("part_hits", pa.list_(pa.int32()), "defects hit there of each part"),
-    ("p1", _CURVE, "P1 at each threshold"),
-    ("p2", _CURVE, "P2 at each threshold"),
+    ("p1", _CURVE, f"{words.P1} at each threshold"),
+    ("p2", _CURVE, f"{words.P2} at each threshold"),
     ("hits", pa.list_(pa.int32(), LEVELS), "defects hit at each threshold"),
     ("p1_low", _CURVE, "least P1 there may be, where P1 is estimated"),
     ("p1_high", _CURVE, "greatest P1 there may be, where P1 is estimated"),
@@ -104,8 +104,8 @@ def rows(
         "best_p2": p2[pick],
         "best_f1": f1_of(p1[pick], p2[pick]),
         "best_hits": hits[pick],
-        "part_p1": _lists(overdetection(part_hit, part_false), pa.float64()),
-        "part_p2": _lists(misdetection(part_hit, curves.zone_px), pa.float64()),
+        "part_p1": _lists(precision(part_hit, part_false), pa.float64()),
+        "part_p2": _lists(recall(part_hit, curves.zone_px), pa.float64()),
         "part_hits": _lists(part_hits, pa.int32()),
         "p1": _curves(p1),
         "p2": _curves(p2),
