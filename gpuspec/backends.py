@@ -25,7 +25,13 @@ Settings = Mapping[str, Any]
 """What a device needs to compute, and to be fast, as JSON holds it."""
 
 FUSIONS = ("mean", "max", "min", "std", "differential")
-LOST = ("seen", "beside the part", "down", "past the tunnel's end", "camera opening")
+LOST = (
+    "seen",
+    "beside the part",
+    "reflected down, away from the tunnel",
+    "past the tunnel's end",
+    "in the camera's opening",
+)
 BESIDE = 1
 LIGHT = (("tunnel", "luminous_mm"), ("tunnel", "dark_mm"), ("tunnel", "dark_leak"))
 """Sections and keys that leave a light map as it is, beside the sensor's and the sequence's."""
@@ -278,8 +284,8 @@ def chosen(backend: str, names: Sequence[str], wanted: str | None) -> int:
         named = not wanted.isdecimal() and wanted.lower() in name.lower()
         if named or wanted == str(number):
             return number
-    known = "; ".join(f"{number}: {name.strip()}" for number, name in enumerate(names))
-    raise BackendError(f"{backend}: no device {wanted!r}; there are {known}.")
+    known = ", ".join(f"{number} ({name.strip()})" for number, name in enumerate(names))
+    raise BackendError(f"{backend}: no device {wanted!r}; choose by number or name from {known}.")
 
 
 def failure(info: DeviceInfo, reason: object, *, memory: bool = False) -> BackendError:

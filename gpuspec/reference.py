@@ -12,8 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.backends import FUSIONS, Backend, DeviceInfo, Image, LightMap, LightMapArrays
-from gpuspec.errors import BackendError
+from gpuspec.backends import (
+    FUSIONS,
+    Backend,
+    DeviceInfo,
+    Image,
+    LightMap,
+    LightMapArrays,
+    chosen,
+)
 from gpuspec.parameters import MATERIALS, curvatures, differential_pairs
 from gpuspec.relief import Grooves, Relief, averaged
 from gpuspec.station import Station
@@ -386,8 +393,7 @@ class NumpyBackend(Backend):
     """NumPy in float64, on the CPU."""
 
     def __init__(self, device: str | None = None) -> None:
-        if device not in (None, "0", "cpu"):
-            raise BackendError(f"numpy: no device {device!r}; there is 0: cpu.")
+        chosen("numpy", ["cpu"], device)
         self.info = DeviceInfo("numpy", "cpu", "NumPy float64", np.__version__)
 
     def trace(self, station: Station, relief: Relief | None = None) -> NumpyLightMap:

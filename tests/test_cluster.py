@@ -108,7 +108,7 @@ def test_designs_that_end_every_worker_are_named_and_the_rest_is_kept(
 def test_what_a_worker_complains_of_is_the_sentence_a_single_process_says(tmp_path: Path) -> None:
     with (
         crew(plan(), workers=1, backend="opencl", device="nosuch") as by,
-        pytest.raises(BackendError, match="opencl: no device 'nosuch'; there are 0: "),
+        pytest.raises(BackendError, match=r"opencl: no device 'nosuch'; choose .* from 0 \("),
     ):
         sweep(plan(), tmp_path, crew=by)
 

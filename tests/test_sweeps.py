@@ -102,7 +102,7 @@ def test_an_axis_takes_ranges_and_values_of_any_numeric_key(station, key, given,
         ("tunnel.dark_mm", "1:3:2.5", "is not a range"),
         ("tunnel.dark_mm", "1:nan:3", "is not a range"),
         ("tunnel.dark_mm", "1:3:99999999999", "nothing could hold a sweep of them"),
-        ("tunnel.dark_mm", "1:3:1", "asks for 1 value(s) from 1 to 3"),
+        ("tunnel.dark_mm", "1:3:1", "asks for 1 value from 1 to 3"),
         ("tunnel.dark_mm", [], "the list of values is empty"),
         ("tunnel.dark_mm", "1,x", "is not a list of numbers"),
         ("tunnel.dark_mm", [1, True], "is not a list of numbers"),
@@ -710,7 +710,7 @@ def test_sweep_prints_its_plan_and_what_to_do_next(gpuspec_: Command):
     ran = gpuspec_("sweep", "s.toml", "--vary", "tunnel.luminous_mm=1:4:4", "--vary",
                    "sensor.exposure=-1:4:6", "--vary", "tunnel.height_mm=100,150")  # fmt: skip
     assert ran.code == 0, ran.err
-    for words in ("48 designs at 256 thresholds", "2 light map(s)", "exact", "time about",
+    for words in ("48 designs at 256 thresholds", "2 light maps", "exact", "time about",
                   "memory", "MiB", "16 designs are no valid station, e.g.: s.toml: sensor.exposure",
                   "gpuspec front sweep"):  # fmt: skip
         assert words in ran.out

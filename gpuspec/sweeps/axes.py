@@ -15,6 +15,7 @@ from gpuspec.backends import LIGHT
 from gpuspec.defects import Distribution
 from gpuspec.errors import StationError
 from gpuspec.station import Station, places
+from gpuspec.words import plural
 
 DESIGN_SECTIONS = ("sensor", "sequence")
 DESIGN_KEYS = tuple(f"{section}.{key}" for section, key in LIGHT)
@@ -22,6 +23,10 @@ DESIGN_KEYS = tuple(f"{section}.{key}" for section, key in LIGHT)
 
 VALUES_MAX = 1_000_000
 _HOW = "write FROM:TO:COUNT, e.g. 1:12:23, or values, e.g. 1,2,4"
+_BOUNDS = "write FROM:TO, e.g. 1:12"
+VARY = "KEY=FROM:TO:COUNT, e.g. tunnel.luminous_mm=1:12:23, or KEY=VALUE,VALUE"
+VARY_BETWEEN = "KEY=FROM:TO, e.g. tunnel.luminous_mm=1:12"
+"""What `--vary` of a sweep takes, and that of a search."""
 
 
 @dataclass(frozen=True)
@@ -85,27 +90,56 @@ def bounds(station: Station, key: str, given: str | float | Sequence[float]) -> 
         Whose key it is.
     key : str
         Dotted path, see :func:`axis`.
-    given : str, number or list of numbers
-        ``"1:12"``, or what :func:`axis` takes, whose least and greatest value are the ends.
+    given : str or list of numbers
+        ``"1:12"``, or ``"1:12:23"`` as a sweep's table has it, or a list, whose least and greatest
+        value are the ends. Text with commas is refused: it lists values, and a search takes what
+        lies between, too.
 
     Raises
     ------
     StationError
-        As :func:`axis`, or if there is one value only.
+        Unknown or non-numeric key; unreadable, reversed or empty interval.
     """
-    if isinstance(given, str) and given.count(":") == 1:
-        low, high = given.split(":")
-        given = f"{given}:2" if low.strip() != high.strip() else low
-    values = axis(station, key, given).values
-    if len(values) < 2:
+    whole = _takes_whole_numbers(station, key)
+    low, high = _ends(key, given)
+    if not whole:
+        return Axis(key, (low, high))
+    for end in (low, high):
+        if abs(end - round(end)) > 1e-9 * max(abs(end), 1):
+            raise StationError(
+                f"{key} takes whole numbers, and {_shown(given)} has {end:g}; choose whole bounds."
+            )
+    return Axis(key, (round(low), round(high)))
+
+
+def _ends(key: str, given: str | float | Sequence[float]) -> tuple[float, float]:
+    """Return the ends of an interval."""
+    if isinstance(given, str) and ":" not in given and "," in given:
+        numbers = _list(key, given, _BOUNDS)
         raise StationError(
-            f"{key}: {_shown(given)} leaves nothing to search; write FROM:TO, e.g. 1:12."
+            f"{key}: {_shown(given)} lists values, and a search takes all between two bounds; "
+            f"write {min(numbers):g}:{max(numbers):g}."
         )
-    return Axis(key, (min(values), max(values)))
+    if not isinstance(given, str) or ":" not in given:
+        numbers = _list(key, given, _BOUNDS)
+        low, high = min(numbers), max(numbers)
+    else:
+        parts = given.split(":")
+        try:
+            low, high, *count = map(float, parts)
+        except ValueError:
+            count = [math.nan] * 2
+        if len(count) > 1 or not all(map(math.isfinite, (low, high, *count))):
+            raise StationError(f"{key}: {_shown(given)} is no interval; {_BOUNDS}.")
+        if low > high:
+            raise StationError(f"{key}: {_shown(given)} is reversed; write {parts[1]}:{parts[0]}.")
+    if low == high:
+        raise StationError(f"{key}: {_shown(given)} leaves nothing to search; {_BOUNDS}.")
+    return low, high
 
 
-def vary_options(texts: Sequence[str]) -> dict[str, str]:
-    """Return keys and what they take, as ``--vary`` gives them.
+def vary_options(texts: Sequence[str], how: str = VARY) -> dict[str, str]:
+    """Return keys and what they take, as ``--vary`` gives them; `how` says what to write.
 
     Raises
     ------
@@ -113,15 +147,15 @@ def vary_options(texts: Sequence[str]) -> dict[str, str]:
         If one has another form, or a key stands twice.
     """
     found: dict[str, str] = {}
-    for key, given in map(vary_option, texts):
+    for key, given in (vary_option(text, how) for text in texts):
         if key in found:
             raise StationError(f"--vary {key} stands twice; vary each key once.")
         found[key] = given
     return found
 
 
-def vary_option(text: str) -> tuple[str, str]:
-    """Split ``KEY=RANGE`` as ``--vary`` takes it.
+def vary_option(text: str, how: str = VARY) -> tuple[str, str]:
+    """Split ``KEY=RANGE`` as ``--vary`` takes it; `how` says what to write.
 
     Raises
     ------
@@ -130,10 +164,7 @@ def vary_option(text: str) -> tuple[str, str]:
     """
     key, equals, given = text.partition("=")
     if not equals or not key.strip() or not given.strip():
-        raise StationError(
-            f"--vary {text}: write KEY=FROM:TO:COUNT, e.g. tunnel.luminous_mm=1:12:23, or "
-            f"KEY=VALUE,VALUE."
-        )
+        raise StationError(f"--vary {text}: write {how}.")
     return key.strip(), given.strip()
 
 
@@ -159,13 +190,14 @@ def _range(key: str, given: str) -> list[float]:
         )
     if (count == 1 and low != high) or (count > 1 and low == high):
         raise StationError(
-            f"{key}: {_shown(given)} asks for {count} value(s) from {low:g} to {high:g}; {_HOW}."
+            f"{key}: {_shown(given)} asks for {plural(count, 'value')} from {low:g} to {high:g}; "
+            f"{_HOW}."
         )
     # Rounded, so that 0.1 steps are written 0.3 and not 0.30000000000000004.
     return [float(f"{value:.12g}") for value in np.linspace(low, high, count)]
 
 
-def _list(key: str, given: str | float | Sequence[float]) -> list[float]:
+def _list(key: str, given: str | float | Sequence[float], how: str = _HOW) -> list[float]:
     entries = given.split(",") if isinstance(given, str) else given
     entries = [entries] if isinstance(entries, (int, float)) else entries
     values = []
@@ -175,13 +207,11 @@ def _list(key: str, given: str | float | Sequence[float]) -> list[float]:
                 raise ValueError
             values.append(float(entry))
         except (TypeError, ValueError):
-            raise StationError(
-                f"{key}: {_shown(given)} is not a list of numbers; {_HOW}."
-            ) from None
+            raise StationError(f"{key}: {_shown(given)} is not a list of numbers; {how}.") from None
         if not math.isfinite(values[-1]):
             raise StationError(f"{key}: {_shown(given)} holds {entry}; only finite numbers can be.")
     if not values:
-        raise StationError(f"{key}: the list of values is empty; {_HOW}.")
+        raise StationError(f"{key}: the list of values is empty; {how}.")
     return values
 
 
@@ -194,8 +224,8 @@ def _takes_whole_numbers(station: Station, key: str) -> bool:
     """Whether a numeric key takes whole numbers only; raises if it is none, or not numeric."""
     if key.split(".")[0] == "segmentation":
         raise StationError(
-            f"{key} is not varied: a sweep scores every design at all 256 thresholds, without a "
-            f"size filter."
+            f"{key} is not varied: every design is scored at all 256 thresholds, without a size "
+            f"filter."
         )
     if places(key)[-1] == "seed":
         raise StationError(

@@ -19,7 +19,7 @@ from gpuspec.errors import OutputError, StationError
 from gpuspec.files import Outputs, folder_of, write_new
 from gpuspec.levels import thresholds
 from gpuspec.station import Station
-from gpuspec.sweeps.axes import bounds
+from gpuspec.sweeps.axes import VARY_BETWEEN, bounds
 from gpuspec.sweeps.bench import notes_of
 from gpuspec.sweeps.choice import Rule
 from gpuspec.sweeps.curves import Curves
@@ -83,7 +83,7 @@ def plan_of(
     station : Station
         Its ``[sweep]`` table is taken where the other parameters are None.
     vary : mapping of str to str, number or list, optional
-        Keys and what :func:`gpuspec.sweeps.axes.bounds` takes.
+        Keys and what :func:`gpuspec.sweeps.axes.bounds` takes, e.g. ``"1:12"`` or ``[1, 12]``.
     parts : int, optional
         Number of parts each design is tried on.
 
@@ -94,6 +94,11 @@ def plan_of(
     """
     if vary is None:
         vary = station.sweep.vary if station.sweep else {}
+    if not vary:
+        raise StationError(
+            f"{station.file}: nothing to vary; give --vary {VARY_BETWEEN}, or a table "
+            f"[sweep.vary] in the station file."
+        )
     ends = {key: bounds(station, key, given).values for key, given in vary.items()}
     return Plan.of(station, ends, parts)
 
@@ -201,6 +206,8 @@ class _Held(JournalFileOpenLock):
 def _writing(folder: Path, identity: dict[str, Any]) -> Iterator[optuna.Study]:
     """Open the study of a folder, a new one or one to go on with, and lock it."""
     with writes_to(folder, "the search"):
+        if folder.exists() and not folder.is_dir():
+            raise OutputError(f"{folder} is a file; choose another folder with -o.")
         known = (folder / IDENTITY).exists()
         others = [p.name for p in folder.iterdir()] if folder.exists() and not known else []
         others = [name for name in others if name != LOCK]

@@ -8,7 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gpuspec import words
 from gpuspec.terminal import (
+    GOAL_HELP,
+    P1_FLOOR_HELP,
+    P2_FLOOR_HELP,
     BackendOption,
     DeviceOption,
     ForceOption,
@@ -23,7 +27,9 @@ from gpuspec.terminal import (
 )
 
 if TYPE_CHECKING:
+    from gpuspec.station import Station
     from gpuspec.sweeps.optimise import Optimum
+    from gpuspec.sweeps.plan import Plan
     from gpuspec.sweeps.search import Trial
 
 
@@ -43,14 +49,12 @@ def optimise(
     parts: Annotated[
         int | None, typer.Option("--parts", help="Parts that each design is tried on.")
     ] = None,
-    goal: Annotated[
-        str, typer.Option("--goal", help="What is to be highest: p1, p2 or f1.")
-    ] = "p1",
+    goal: Annotated[str, typer.Option("--goal", help=GOAL_HELP)] = "p1",
     hit_share: Annotated[
         float | None, typer.Option("--hit-share", help="Least share of defects to be hit.")
     ] = None,
-    p2_floor: Annotated[float | None, typer.Option("--p2-floor", help="Least P2.")] = None,
-    p1_floor: Annotated[float | None, typer.Option("--p1-floor", help="Least P1.")] = None,
+    p2_floor: Annotated[float | None, typer.Option("--p2-floor", help=P2_FLOOR_HELP)] = None,
+    p1_floor: Annotated[float | None, typer.Option("--p1-floor", help=P1_FLOOR_HELP)] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the search.")] = 0,
     output: OutputOption = Path("optimum"),
     write: Annotated[
@@ -61,28 +65,27 @@ def optimise(
     device: DeviceOption = None,
     change: SetOption = None,
 ) -> None:
-    """Search between bounds for the best design; the same command with more trials goes on."""
+    """Search between bounds for the best design. The same command with more trials goes on."""
     with extra("optimise"):
         from gpuspec.sweeps.optimise import WRITTEN, outputs, plan_of
         from gpuspec.sweeps.optimise import optimise as search
     from gpuspec.files import check_new, write_new
     from gpuspec.station import Station
     from gpuspec.stationfile import to_toml
-    from gpuspec.sweeps.axes import vary_options
+    from gpuspec.sweeps.axes import VARY_BETWEEN, vary_options
     from gpuspec.sweeps.choice import Rule
     from gpuspec.sweeps.optimise_picture import optimise_picture, write_trials
 
     floors = {"p2_floor": p2_floor, "p1_floor": p1_floor, "hit_share": hit_share}
     rule = Rule(goal, **{k: v for k, v in floors.items() if v is not None})  # type: ignore[arg-type]
-    plan = plan_of(
-        changed(Station.read(station), change),
-        vary_options(vary) if vary else None,
-        parts,
-    )
+    described = changed(Station.read(station), change)
+    plan = plan_of(described, vary_options(vary, VARY_BETWEEN) if vary else None, parts)
     results = outputs(plan, output, force=force)
     results.check()
     if write:
         check_new(write, force=force, inputs=results.inputs)
+    if not vary:
+        _note_lists(described, plan)
     began, done = time.monotonic(), 0
     with progress() as tell:
 
@@ -107,11 +110,23 @@ def optimise(
         out.print(f"{write} written; simulate it with: gpuspec simulate {write}", soft_wrap=True)
 
 
-def _print(found: Optimum, done: int, seconds: float) -> None:
-    from rich.table import Table
+def _note_lists(station: Station, plan: Plan) -> None:
+    """Say of which keys a sweep would take listed values alone, and a search what lies between."""
+    given = station.sweep.vary if station.sweep else {}
+    for a in plan.axes:
+        if isinstance(given.get(a.key), list):
+            low, high = a.values
+            console().print(
+                f"note: [sweep] lists values of {a.key}; searched is all from {words.number(low)} "
+                f"to {words.number(high)}.",
+                soft_wrap=True,
+            )
 
+
+def _print(found: Optimum, done: int, seconds: float) -> None:
     from gpuspec.cautions import without_effect
     from gpuspec.sweeps.choice import f1_of
+    from gpuspec.tables import print_score, print_table
 
     out, best = console(), found.trials[found.best]
     rate = f", {done} of them now, {done / seconds:.1f} a second" if done else ", none of them now"
@@ -126,13 +141,13 @@ def _print(found: Optimum, done: int, seconds: float) -> None:
         )
     tried = found.plan.station.replace(**best.values)
     print_notes([*(best.notes or "").splitlines(), *without_effect(tried)])
-    table = Table(show_header=False, box=None, title="best trial", title_justify="left")
-    for key, value in best.values.items():
-        table.add_row(key, f"{value:.6g}")
-    table.add_row("threshold", f"{best.threshold_dn:.6g} DN")
-    table.add_row("P1 (overdetection)", f"{best.p1:.4f}")
-    table.add_row("P2 (misdetection)", f"{best.p2:.4f}")
-    table.add_row("F1", f"{f1_of(best.p1, best.p2):.4f}")  # type: ignore[arg-type]
-    table.add_row("defects hit", f"{best.hits} of {best.defects}")
-    table.add_row("trial", f"{found.best + 1}")
-    out.print(table)
+    rows = [(key, words.number(value)) for key, value in best.values.items()]
+    print_table(rows, title=f"best trial, number {found.best + 1}", framed=False)
+    print_score(
+        f"{best.p1:.4f}", f"{best.p2:.4f}",
+        f"{f1_of(best.p1, best.p2):.4f}",  # type: ignore[arg-type]
+        [
+            ("defects hit", f"{best.hits} of {best.defects}", ""),
+            ("threshold", f"{best.threshold_dn:.6g} DN", ""),
+        ],
+    )  # fmt: skip

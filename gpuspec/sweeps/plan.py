@@ -81,7 +81,7 @@ class Plan:
                 f"[sweep.vary] in the station file."
             )
         if not 1 <= parts <= PARTS_MAX:
-            raise StationError(f"a sweep takes 1 to {PARTS_MAX} parts, not {parts}.")
+            raise StationError(f"designs are tried on 1 to {PARTS_MAX} parts, not {parts}.")
         if not (station.defects or station.populations or station.part.relief):
             raise StationError(
                 f"{station.file}: the part has no defects, so there is nothing to score; add "
@@ -90,7 +90,7 @@ class Plan:
         if parts > 1 and not (station.populations or station.sensor.noise):
             raise StationError(
                 f"{station.file}: the part has no random [[populations]], so {parts} parts would "
-                f"be {parts} times the same; sweep one."
+                f"be {parts} times the same; take one."
             )
         axes = [axis(station, key, given) for key, given in vary.items()]
         for number, one in enumerate(axes):
