@@ -16,6 +16,7 @@ from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.transforms import Transform
 from numpy.typing import NDArray
 
+from gpuspec import words
 from gpuspec.measures import measure_blobs
 from gpuspec.page import (
     GREY,
@@ -82,15 +83,16 @@ def detection_picture(result: Result) -> Figure:
     reserved = 0 if below or not shown else 520
     width, height = fitted(station.shape, room - reserved, 800)
     left = MARGIN if reserved else (WIDTH - width) / 2
+    number = max(len(shown), 1)
     if below:
         per_row, details_left, details_top = DETAILS, float(MARGIN), top + height + 86
         side = (room - (per_row - 1) * gap) / per_row
     else:
-        per_row = 3 if 3 * width < room else 2
+        per_row = min(3 if 3 * width < room else 2, number)
         details_left, details_top = left + width + 60, top
         side = min(
             (WIDTH - MARGIN - details_left + gap) / per_row - gap,
-            (height + 30) * per_row / DETAILS - caption,
+            (height + 30) / math.ceil(number / per_row) - caption,
         )
     bottom = details_top + math.ceil(len(shown) / per_row) * (side + caption)
     foot = NOTES * bool(result.warnings)
@@ -98,14 +100,15 @@ def detection_picture(result: Result) -> Figure:
     sheet.notes(result.warnings)
     p2, f1 = ("undefined" if v is None else f"{v:.3f}" for v in (score.p2, score.f1))
     sheet.heading(
-        f"Detection: P1 {score.p1:.3f} (overdetection)   P2 {p2} (misdetection)   F1 {f1}",
+        f"Detection: {words.P1} {score.p1:.3f}   {words.P2} {p2}   F1 {f1}   ({words.BEST})",
         essentials(station, result.light_map.pattern),
     )
+    unseen = f", {score.unseen:,} unseen" if score.unseen else ""
+    missed = score.defects - score.defects_hit
     counts = {
-        "hit": f"defect hit ({score.defects_hit} of {score.defects})",
-        "missed": f"defect missed ({score.defects - score.defects_hit} of {score.defects}"
-        + (f", {score.unseen} unseen)" if score.unseen else ")"),
-        "false": f"false blob ({score.false_blobs} of {score.blobs})",
+        "hit": f"defect hit ({_counted(score.defects_hit, score.defects)})",
+        "missed": f"defect missed ({_counted(missed, score.defects)}{unseen})",
+        "false": f"false blob ({_counted(score.false_blobs, score.blobs)})",
     }
     handles: list[Any] = [
         Patch(facecolor=KINDS[kind], edgecolor="#404040", linewidth=0.6, label=label)
@@ -136,6 +139,12 @@ def detection_picture(result: Result) -> Figure:
         detail.set_title(find.caption, fontsize=9, loc="left", pad=6)
         _write_letter(detail, letter, (0.09, 0.91), detail.transAxes)
     return sheet.figure
+
+
+def _counted(number: int, of: int) -> str:
+    """Return how many of a kind there are, and that not all are in boxes."""
+    boxed = f", {BOXES_MAX} of them in boxes" if number > BOXES_MAX else ""
+    return f"{number:,} of {of:,}{boxed}"
 
 
 def _false_blobs(result: Result) -> NDArray[np.bool_]:
@@ -254,20 +263,30 @@ def _name_boxes(ax: Axes, finds: list[_Find], station: Station) -> None:
             np.array([x + dx, y + dy])
             for dx, dy in ((beside, 0), (-beside, 0), (0, above), (0, -above), (0, 0))
         ]
+        inside = np.array([box.width / 2 - 9, box.height / 2 - 10])
+        if (inside < 20).any():  # too narrow for letters: they stand beside the part
+            across = int(inside[1] < inside[0])
+            far = np.array([x, y])
+            far[across] = (box.width, box.height)[across] / 2 + (12, 14)[across]
+            inside[across] = np.inf
+            places = [far + step for step in np.eye(2)[across] * np.arange(0, 80, 16)[:, None]]
         place = next(
             (
                 at
                 for at in places
-                if (np.abs(at) < [box.width / 2 - 9, box.height / 2 - 10]).all()
+                if (np.abs(at) < inside).all()
                 and all(np.abs(at - other).max() > 16 for other in taken)
             ),
             places[-1],
         )
         taken.append(place)
-        _write_letter(ax, letter, place / px_per_mm, ax.transData)
+        _write_letter(ax, letter, place / px_per_mm, ax.transData, beside=not (inside < 1e6).all())
 
 
-def _write_letter(ax: Axes, letter: str, place: Any, where: Transform) -> None:
+def _write_letter(
+    ax: Axes, letter: str, place: Any, where: Transform, *, beside: bool = False
+) -> None:
+    """Name a find on the image, or beside it on the page."""
     ax.text(
         place[0],
         place[1],
@@ -277,8 +296,8 @@ def _write_letter(ax: Axes, letter: str, place: Any, where: Transform) -> None:
         va="center_baseline",
         fontsize=11,
         fontweight="bold",
-        color="white",
-        path_effects=_halo(),
+        color="black" if beside else "white",
+        path_effects=[] if beside else _halo(),
     )
 
 

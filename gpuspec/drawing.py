@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from gpuspec.backends import LOST
-from gpuspec.page import MARGIN, WIDTH, Sheet, essentials
+from gpuspec.page import MARGIN, WIDTH, Sheet, essentials, text_width
 from gpuspec.relief import shape_height
 from gpuspec.station import Station
 
@@ -26,6 +26,9 @@ __all__ = ["RayPaths", "station_drawing"]
 LUMINOUS, DARK, PART = "#FFC20A", "#404040", "#000000"
 SEEN, LOST_RAY, VIEW = "#0072B2", "#D55E00", "#DCE9F2"
 PANEL_PX = 9.0  # thickness of the tunnel as drawn
+_HALF_PX_MIN = 115  # of a view
+_LABEL_PT = 9.5
+_NOTE_PX = 40  # between tunnel and camera, for a note of two lines
 STRIPE_PX_MIN = 1.5  # thinner stripes are drawn as an even tone
 FARTHEST = 4.0  # half sizes of the part: rays that go farther leave the view
 
@@ -80,9 +83,13 @@ def station_drawing(station: Station, side_paths: RayPaths, front_paths: RayPath
     top, room, high = 126.0, 800.0, 880.0
     low = min(station.height_range_mm()[0], 0.0)
     halves = [_half_width(station, 0, side_paths), _half_width(station, 1, front_paths)]
-    px_per_mm = min((high - 110) / (camera.height_mm - low), (room - 90) / 2 / sum(halves))
-    # A camera far above a small part leaves narrow views: keep room for ticks and words.
-    halves = [max(half, 115 / px_per_mm) for half in halves]
+    upright, across = (high - 110) / (camera.height_mm - low), (room - 90) / 2
+    px_per_mm = min(upright, across / sum(halves))
+    # A camera far above a small part, or a long part, leaves narrow views: keep room for ticks and
+    # words, and the other view within what is left.
+    if min(halves) * px_per_mm < _HALF_PX_MIN:
+        px_per_mm = min(upright, (across - _HALF_PX_MIN) / max(halves))
+    halves = [max(half, _HALF_PX_MIN / px_per_mm) for half in halves]
 
     z_range = (low - 45 / px_per_mm, camera.height_mm + 65 / px_per_mm)
     height = (z_range[1] - z_range[0]) * px_per_mm
@@ -261,14 +268,29 @@ def _label_view(view: _View) -> None:
     below = min(station.height_range_mm()[0], 0) - 20 * px
     _dimension(view.ax, (-size / 2, below), (size / 2, below), f"part {size:g} mm")
     if view.axis == 0:
-        _dimension(view.ax, (-edge, 0), (-edge, h), f"camera height {h:g} mm", at=0.62)
+        _height(view, -edge, h, f"camera height {h:g} mm")
         if tunnel.length_mm / 2 > view.half:
-            text = f"tunnel goes on\nto ±{tunnel.length_mm / 2:g} mm"
-            _note(view.ax, text, (view.half, tunnel.top_mm + view.panel), (-2, 5), "right")
+            end = f"to ±{tunnel.length_mm / 2:g} mm"
+            if (h - tunnel.top_mm) * view.px_per_mm > _NOTE_PX:
+                where = (view.half, tunnel.top_mm + view.panel)
+                _note(view.ax, f"tunnel goes on\n{end}", where, (-2, 5), "right")
+            else:  # the camera's name is there
+                view.ax.set_xlabel(f"x, mm; tunnel goes on {end}", fontsize=10)
     elif tunnel.section == "box":
         above = tunnel.top_mm + view.panel + 14 * px
         width = tunnel.width_mm or 0
         _dimension(view.ax, (-width / 2, above), (width / 2, above), f"box {width:g} mm wide")
+
+
+def _height(view: _View, x: float, height: float, text: str) -> None:
+    """Draw an upright dimension line from z = 0; one too short for its text has it in the title."""
+    room, wide = height * view.px_per_mm, text_width(text, _LABEL_PT) + 8
+    if wide < room:
+        at = 0.62 if 0.76 * room > wide else 0.5
+        _dimension(view.ax, (x, 0), (x, height), text, at=at)
+        return
+    _dimension(view.ax, (x, 0), (x, height), "")
+    view.ax.set_title(f"{view.ax.get_title(loc='left')}\n{text}", fontsize=11, loc="left")
 
 
 def _dimension(
@@ -290,7 +312,7 @@ def _dimension(
         ha="center",
         va="center",
         rotation=90 if upright else 0,
-        fontsize=9.5,
+        fontsize=_LABEL_PT,
         bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.2, "alpha": 0.9},
         annotation_clip=False,
         zorder=7,
@@ -313,7 +335,7 @@ def _note(
         textcoords="offset points",
         ha=ha,
         va=va,
-        fontsize=9.5,
+        fontsize=_LABEL_PT,
         bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8, "alpha": 0.8},
         zorder=7,
     )
@@ -334,12 +356,12 @@ def _close_up(
     view = _View(ax, station, 0, px_per_mm, width / 2 / px_per_mm)
     _frame(view, (low - 45 / px_per_mm, ceiling + 35 / px_per_mm), "Part and tunnel, closer")
     if low < 0 and station.part.surface == "orientation":
-        ax.set_title("Closer (x–z); orientation only: rays meet z = 0", fontsize=11, loc="left")
+        ax.set_title("Closer (x–z); rays meet z = 0", fontsize=11, loc="left")
         ax.axhline(0, color="#808080", linewidth=0.8, linestyle=":", zorder=2)
     _draw_station(view, paths)
     edge = -view.half + 16 / px_per_mm
     word = "radius" if station.tunnel.section == "arch" else "height"
-    _dimension(ax, (edge, 0), (edge, ceiling), f"tunnel {word} {ceiling:g} mm")
+    _height(view, edge, ceiling, f"tunnel {word} {ceiling:g} mm")
     rows, columns = station.shape
     p = camera.sampling_mm
     text = f"sampling {p:g} mm/px, {columns} × {rows} px"

@@ -38,8 +38,8 @@ from gpuspec.page import (
     length_text,
     millimetres,
     pooled,
-    round_length,
     scale_bar,
+    scale_length,
 )
 from gpuspec.station import Station
 
@@ -61,6 +61,7 @@ __all__ = [
 
 LOST_COLOURS = ("#D9D9D9", "#FFFFFF", "#CC79A7", "#E69F00", "#0072B2")
 FRAME_MS = 120
+CAPTION_PX = 190  # of an image of the sequence
 
 
 def sequence_strip(result: Result, count: int = 6) -> Figure:
@@ -81,7 +82,8 @@ def sequence_strip(result: Result, count: int = 6) -> Figure:
     chosen = _spread(station, count)
     columns, (width, height) = _grid(len(chosen), station.shape)
     rows = math.ceil(len(chosen) / columns)
-    left = max(MARGIN, (WIDTH - columns * width - (columns - 1) * 24) / 2)
+    pitch = max(width, CAPTION_PX) + 24
+    left = max(MARGIN, (WIDTH - columns * pitch + 24) / 2)
     sheet = Sheet(WIDTH, 76 + rows * (height + 34) + 76)
     period = station.tunnel.period_mm
     sheet.heading(
@@ -92,7 +94,7 @@ def sequence_strip(result: Result, count: int = 6) -> Figure:
     full = station.sensor.full_scale_dn
     for place, k in enumerate(chosen):
         row, column = divmod(place, columns)
-        x, y = left + column * (width + 24), 76 + row * (height + 34)
+        x, y = left + column * pitch, 76 + row * (height + 34)
         ax = sheet.axes(x, y + 26, width, height)
         drawn = draw_grey(ax, result.light_map.image(k), station, 0, full)
         ax.set(xticks=[], yticks=[])
@@ -127,22 +129,31 @@ def sequence_animation(
     font = ImageFont.truetype(
         str(Path(matplotlib.get_data_path()) / "fonts/ttf/DejaVuSans.ttf"), 15
     )
-    bar = round_length(columns * station.camera.sampling_mm / 5)
     px_per_mm = zoom / factor / station.camera.sampling_mm
+    size = columns * station.camera.sampling_mm
+    bar = scale_length(size, size * px_per_mm)
+    captions = {
+        k: (
+            f"image {k} of {station.sequence.images}",
+            f"shift {k * station.step_mm:.2f} mm of {station.tunnel.period_mm:g} mm",
+        )
+        for k in _spread(station, frames)
+    }
+    words = max(sum(map(font.getlength, caption)) for caption in captions.values())
     pages = []
-    for k in _spread(station, frames):
+    for k, (number, shift) in captions.items():
         grey = pooled(result.light_map.image(k), factor, np.add)
         # 64 grey levels look the same and make a smaller file.
         level = np.clip(grey * (64 / station.sensor.full_scale_dn), 0, 63).astype(np.uint8)
         level = level * 4 + level // 16
         picture = Pillow.fromarray(level.repeat(zoom, 0).repeat(zoom, 1))
-        page = Pillow.new("L", (max(picture.width, 360), picture.height + 56), 255)
+        wide = max(picture.width, 360, math.ceil(words) + 32)
+        page = Pillow.new("L", (wide, picture.height + 56), 255)
         left = (page.width - picture.width) // 2
         page.paste(picture, (left, 28))
         pen = ImageDraw.Draw(page)
         pen.rectangle((left, 28, left + picture.width - 1, 27 + picture.height), outline=0)
-        pen.text((4, 4), f"image {k} of {station.sequence.images}", 0, font)
-        shift = f"shift {k * station.step_mm:.2f} mm of {station.tunnel.period_mm:g} mm"
+        pen.text((4, 4), number, 0, font)
         pen.text((page.width - 4, 4), shift, 0, font, "ra")
         base = page.height - 14
         pen.rectangle((left, base - 2, left + round(bar * px_per_mm), base + 1), 0)
@@ -167,7 +178,9 @@ def aspect_picture(result: Result) -> Figure:
     """
     station = result.station
     width, height = fitted(station.shape, WIDTH - 2 * MARGIN - 70, 1000)
-    sheet = Sheet(WIDTH, 106 + height + 84 + NOTES * bool(result.warnings))
+    bar_height = max(height, 150)
+    below = max(height + 84, bar_height + 20) + NOTES * bool(result.warnings)
+    sheet = Sheet(WIDTH, 106 + below)
     sheet.notes(result.warnings)
     sheet.heading(
         f"Aspect image: {station.sequence.fusion} of {station.sequence.images} images",
@@ -181,7 +194,7 @@ def aspect_picture(result: Result) -> Figure:
     drawn = draw_grey(ax, result.aspect, station, low, high, result.lost)
     millimetres(ax)
     scale_bar(ax, 62)
-    bar = sheet.axes(left + width + 20, 106, 16, height)
+    bar = sheet.axes(left + width + 20, 106, 16, bar_height)
     dark, bright = result.aspect.min() < low, result.aspect.max() > high
     extend = "both" if dark and bright else "min" if dark else "max" if bright else "neither"
     sheet.figure.colorbar(drawn, cax=bar, extend=extend, extendfrac=0.03)
@@ -215,7 +228,8 @@ def histogram_picture(result: Result) -> Figure:
     sheet.heading(
         "Grey levels of the aspect image", essentials(result.station, result.light_map.pattern)
     )
-    ax = sheet.axes(MARGIN + 20, 108, WIDTH - 2 * MARGIN - 20, 480)
+    left = MARGIN + 50  # for counts of ten million
+    ax = sheet.axes(left, 108, WIDTH - MARGIN - left, 480)
     edges = np.linspace(low, high, bins + 1)
     score = result.score
     for counts, colour, name, above in (
@@ -360,10 +374,10 @@ def _grid(count: int, shape: tuple[int, int]) -> tuple[int, tuple[int, int]]:
     grids = {
         columns: fitted(
             shape,
-            (WIDTH - 2 * MARGIN) / columns - 24,
+            (WIDTH - 2 * MARGIN + 24) / columns - 24,
             1560 / math.ceil(count / columns) - 34,
         )
-        for columns in range(1, count + 1)
+        for columns in range(1, min(count, (WIDTH - 2 * MARGIN + 24) // (CAPTION_PX + 24)) + 1)
     }
-    best = max(grids, key=lambda columns: grids[columns][0])
+    best = max(grids, key=lambda columns: math.prod(grids[columns]))
     return best, grids[best]

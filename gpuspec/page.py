@@ -10,9 +10,12 @@ from typing import TYPE_CHECKING, Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import RendererAgg
 from matplotlib.colors import Colormap, ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
 from matplotlib.image import AxesImage
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from gpuspec.backends import BESIDE
@@ -26,6 +29,11 @@ NOTES = 60  # px at the foot of a page, where something is to be known of what i
 DPI = 110
 WIDTH = 1500  # px, of a page
 MARGIN = 96  # px, left and right of what is drawn
+SMALLEST = 9.0  # points, letters
+BAR_PX_MIN = 50
+_EDGE = 12  # px, free at the right of a line
+_TICK_PX = 75, 34  # least distance of labelled ticks along x and y
+_STEPS = 1, 2, 2.5, 5, 10
 # M. Okabe, K. Ito, Color universal design (2008): told apart by colour-blind readers too.
 SKY, VERMILION, YELLOW = "#56B4E9", "#D55E00", "#F0E442"
 
@@ -56,10 +64,10 @@ class Sheet:
         self.figure.text(x / self.width, 1 - y / self.height, text, **style)
 
     def heading(self, title: str, *lines: str) -> None:
-        """Write a bold title and lines under it, 24 px each."""
-        self.text(MARGIN, 14, title, fontsize=13, fontweight="bold")
+        """Write a bold title and lines under it, 24 px each; what is too long, in small letters."""
+        self._line(14, title, fontsize=13, fontweight="bold")
         for number, line in enumerate(lines):
-            self.text(MARGIN, 44 + 24 * number, line, color="#404040")
+            self._line(44 + 24 * number, line, color="#404040")
 
     def notes(self, said: Sequence[str]) -> None:
         """Write the first note at the foot of the page, in two lines, and where the others are."""
@@ -72,7 +80,15 @@ class Sheet:
         )
 
     def legend(self, handles: Sequence[Any], top: float) -> None:
-        """Put a legend of one line under the heading."""
+        """Put a legend of one line under the heading; a long one is drawn closer and smaller."""
+        labels = [str(handle.get_label()) for handle in handles]
+        room = self.width - MARGIN - _EDGE
+        symbols = 1.6 + 0.8  # of the letters' size, with what stands between symbol and label
+        for size, spacing in ((10.0, 1.8), (10.0, 1.2), (SMALLEST, 1.2)):
+            letters = sum(text_width(label, size) for label in labels)
+            between = spacing * (len(labels) - 1) + symbols * len(labels)
+            if letters + between * size / 72 * DPI <= room:
+                break
         self.figure.legend(
             handles=list(handles),
             loc="upper left",
@@ -82,9 +98,27 @@ class Sheet:
             borderaxespad=0,
             borderpad=0,
             handlelength=1.6,
-            columnspacing=1.8,
-            fontsize=10,
+            columnspacing=spacing,
+            fontsize=size,
         )
+
+    def _line(self, y: float, text: str, **style: Any) -> None:
+        """Write a line that ends on the page: with smaller letters, else with an ellipsis."""
+        size, weight = style.pop("fontsize", 10.0), style.get("fontweight", "normal")
+        room = self.width - MARGIN - _EDGE
+        while size > SMALLEST and text_width(text, size, weight) > room:
+            size -= 0.5
+        while (wide := text_width(text, size, weight)) > room:
+            text = text[: min(int(len(text) * room / wide), len(text) - 2) - 1] + "…"
+        self.text(MARGIN, y, text, fontsize=size, **style)
+
+
+def text_width(text: str, size: float, weight: str = "normal") -> float:
+    """Return how wide a line of text is, px; `size` is that of its letters, points."""
+    font = FontProperties(size=size, weight=weight)
+    renderer: Any = RendererAgg
+    width, _, _ = renderer(1, 1, DPI).get_text_width_height_descent(text, font, ismath=False)
+    return float(width)
 
 
 def essentials(station: Station, pattern: Pattern | None = None) -> str:
@@ -103,15 +137,20 @@ def essentials(station: Station, pattern: Pattern | None = None) -> str:
 
 
 def fitted(shape: tuple[int, int], width: float, height: float) -> tuple[int, int]:
-    """Return the largest box (width, height) in px of an image's proportions, 60 px at least."""
+    """Return the largest box (width, height) in px of an image's proportions, 2 px at least."""
     scale = min(width / shape[1], height / shape[0])
-    return max(round(scale * shape[1]), 60), max(round(scale * shape[0]), 60)
+    return max(round(scale * shape[1]), 2), max(round(scale * shape[0]), 2)
 
 
 def round_length(length: float) -> float:
     """Return the largest of 1, 2, 5 times a power of ten that is not longer."""
     decade = float(10.0 ** math.floor(math.log10(length)))
     return max(m for m in (1, 2, 5) if m * decade <= length * (1 + 1e-9)) * decade
+
+
+def scale_length(mm: float, px: float, share: float = 0.2) -> float:
+    """Return a round length for a scale bar: a share of a side, but one that can be seen, mm."""
+    return round_length(mm * max(share, BAR_PX_MIN / px))
 
 
 def length_text(mm: float) -> str:
@@ -214,20 +253,42 @@ def range_up_to(high: float, result: Result, least: float) -> tuple[float, float
 
 
 def millimetres(ax: Axes) -> None:
-    """Label axes in the part frame."""
-    ax.set_xlabel("x, mm", fontsize=10)
-    ax.set_ylabel("y, mm", fontsize=10, labelpad=2)
+    """Label axes in the part frame; a side too short for ticks is told by its ends alone."""
     ax.tick_params(labelsize=9.5)
+    box = ax.get_window_extent()
+    for axis, side, pitch, end in (
+        (ax.xaxis, box.width, _TICK_PX[0], ax.get_xlim()[1]),
+        (ax.yaxis, box.height, _TICK_PX[1], ax.get_ylim()[1]),
+    ):
+        name = f"{axis.axis_name}, mm"
+        if side >= 2 * pitch:
+            axis.set_major_locator(tick_locator(side, pitch))
+            axis.set_label_text(name, fontsize=10)
+        else:
+            axis.set_ticks([])
+            axis.set_label_text(f"{name}\n±{end:.4g}", fontsize=10)
+            axis.labelpad = 18 if axis is ax.yaxis else 8  # clear of the other side's ticks
+    if box.height >= 2 * _TICK_PX[1]:
+        ax.yaxis.labelpad = 2
+    else:
+        ax.yaxis.label.set(rotation=0, ha="right", va="center", multialignment="center")
+
+
+def tick_locator(px: float, pitch: float = _TICK_PX[0]) -> MaxNLocator:
+    """Return round places for as many labelled ticks as a side of so many px has room for."""
+    return MaxNLocator(min(max(int(px / pitch), 2), 9), steps=_STEPS)
 
 
 def scale_bar(ax: Axes, below: float, share: float = 0.2) -> None:
     """Draw a bar of a round length under the right end of the axes, `below` px down."""
     low, high = ax.get_xlim()
-    length = round_length((high - low) * share)
+    length = scale_length(high - low, ax.get_window_extent().width, share)
     y = -below / ax.get_window_extent().height
     where = ax.get_xaxis_transform()
+    # One longer than the axes begins with them: there may be no room at their left.
+    start = max(high - length, low)
     ax.plot(
-        [high - length, high],
+        [start, start + length],
         [y, y],
         transform=where,
         clip_on=False,
@@ -239,11 +300,11 @@ def scale_bar(ax: Axes, below: float, share: float = 0.2) -> None:
     )
     ax.annotate(
         length_text(length),
-        (high - length, y),
+        (start, y) if length < high - low else (start + length, y),
         xycoords=where,
-        xytext=(-5, 0),
+        xytext=(-5, 0) if length < high - low else (5, 0),
         textcoords="offset points",
-        ha="right",
+        ha="right" if length < high - low else "left",
         va="center",
         fontsize=9.5,
         annotation_clip=False,
@@ -252,6 +313,7 @@ def scale_bar(ax: Axes, below: float, share: float = 0.2) -> None:
 
 def open_frame(ax: Axes, x: str, y: str) -> None:
     """Label axes of curves, and leave their frame open above and to the right."""
+    ax.xaxis.set_major_locator(tick_locator(ax.get_window_extent().width))
     ax.set_xlabel(x, fontsize=10)
     ax.set_ylabel(y, fontsize=10)
     ax.tick_params(labelsize=9.5)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -14,23 +15,29 @@ import pytest
 from commandline import STATION, Command, content, hidden, names, said
 from hypothesis import given
 from hypothesis import strategies as st
+from legible import check_legible, drawn_texts
+from matplotlib.figure import Figure
 from PIL import Image
 
 import gpuspec
 from gpuspec.errors import OutputError, StationError
 from gpuspec.opencl import OpenCLBackend
 from gpuspec.station import Station
+from gpuspec.sweeps import diagrams
 from gpuspec.sweeps.bench import Bench
 from gpuspec.sweeps.choice import Rule
-from gpuspec.sweeps.chosen import Choice, choose
+from gpuspec.sweeps.chosen import Choice, choose, most_defects
 from gpuspec.sweeps.diagrams import label
 from gpuspec.sweeps.front import COLUMNS, Front, Points, dominated
-from gpuspec.sweeps.maps import Maps
+from gpuspec.sweeps.front_command import _short
+from gpuspec.sweeps.front_picture import front_picture
+from gpuspec.sweeps.maps import Map, Maps
 from gpuspec.sweeps.plan import Plan
 from gpuspec.sweeps.run import sweep
 from gpuspec.sweeps.scores import Scores
 from gpuspec.sweeps.sensitivity import lines
 from gpuspec.sweeps.store import RunFolder
+from gpuspec.words import BEST, P1, number
 
 SCRATCH = """
 [[defects]]
@@ -80,6 +87,24 @@ def swept(tmp_path_factory: pytest.TempPathFactory, opencl: OpenCLBackend) -> di
         "axis": Plan.of(one, {"sequence.images": [9, 5, 20]}),
         "even": Plan.of(one, EVEN),
         "even screened": Plan.of(one, EVEN, samples=512),
+        "wide": Plan.of(
+            one,
+            {
+                "tunnel.dark_leak": [0.000123, 0.00123, 0.0123],
+                "sensor.saturation_e": [1000, 1234567, 9.9e6],
+                "defects[1].depth_um": "1:8:13",
+            },
+        ),
+        "five": Plan.of(
+            one,
+            {
+                "tunnel.height_mm": [100, 300],
+                "sensor.exposure": [2, 4],
+                "tunnel.luminous_mm": [1, 2],
+                "tunnel.dark_mm": [2, 4],
+                "sequence.images": [8, 20],
+            },
+        ),
         "invalid": Plan.of(one, {"tunnel.height_mm": [100, 300, 900], "sensor.exposure": [2, 4]}),
     }
     return {name: sweep(plan, folder / name, opencl) for name, plan in plans.items()}
@@ -209,6 +234,59 @@ def test_maps_hold_the_best_of_each_pair(swept: dict[str, RunFolder]) -> None:
             np.testing.assert_array_equal(found.criteria[down, across], best)
 
 
+def pictures(run: RunFolder, rule: Rule) -> dict[str, Figure]:
+    maps = Maps(run.plan, rule, most_defects(run))
+    choice = choose(run, rule, maps.add)
+    found = lines(choice)
+    made = {
+        "front": front_picture(choice),
+        "sensitivity": diagrams.sensitivity_picture(choice, found),
+    }
+    mapped = maps.of([line.key for line in found if len(line.values) > 1])
+    if mapped:
+        made["maps"] = diagrams.maps_picture(choice, mapped)
+    return made
+
+
+@pytest.mark.parametrize("rule", RULES, ids=str)
+@pytest.mark.parametrize("name", ["exact", "screened", "single", "axis", "even", "wide", "five"])
+def test_every_picture_of_a_sweep_is_legible(
+    swept: dict[str, RunFolder], name: str, rule: Rule
+) -> None:
+    for figure in pictures(swept[name], rule).values():
+        check_legible(figure)
+
+
+def test_a_picture_of_scores_says_which_way_is_good(swept: dict[str, RunFolder]) -> None:
+    for figure in pictures(swept["exact"], Rule()).values():
+        said = " ".join(text.get_text() for text in drawn_texts(figure))
+        assert P1 in said
+        assert BEST in said
+
+
+@pytest.mark.parametrize("lowest", [0.0, 0.5, 0.89, 0.996, 1.0])
+def test_a_map_of_nearly_equal_designs_is_of_one_colour(
+    swept: dict[str, RunFolder], lowest: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A difference of 0.4 % is not drawn from one end of the colours to the other."""
+    real = Map.goal.fget
+
+    def squeezed(self: Map) -> np.ndarray:
+        goal = real(self)
+        span = np.nanmax(goal) - np.nanmin(goal)
+        return 0.6 * (lowest + (1 - lowest) * (goal - np.nanmin(goal)) / span)
+
+    monkeypatch.setattr(Map, "goal", property(squeezed))
+    figure = pictures(swept["exact"], Rule(goal="f1", p2_floor=0.0, hit_share=0.0))["maps"]
+    image = figure.axes[0].images[-1]
+    low, high = image.get_clim()
+    assert high == pytest.approx(0.6)
+    assert low <= 0.9 * high + 1e-9
+    assert low >= 0.75 * high - 1e-9
+    said = " ".join(text.get_text() for text in drawn_texts(figure))
+    assert f"{0.6 * lowest:.4f} to 0.6000 on these maps" in said
+
+
 def test_lines_are_the_designs_that_differ_in_one_key(swept: dict[str, RunFolder]) -> None:
     choice = choose(swept["exact"])
     scores = everything(swept["exact"])
@@ -243,6 +321,43 @@ def test_a_design_whose_neighbours_all_fall_short_stands_alone(
     assert line.tolerated(line.own) == f"only {line.values[line.place]}"
     (line,) = lines(choose(swept["single"]))
     assert not line.alone
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(8, "8"), (2.5, "2.5"), (0.000123, "0.000123"), (12345678, "12345678"), (1e7, "10000000"),
+     (4.333333333, "4.33333"), (1e-9, "1e-09"), (-3.0, "-3")],
+)  # fmt: skip
+def test_a_value_is_written_without_an_exponent_where_it_can(value: float, text: str) -> None:
+    assert number(value) == text
+
+
+@pytest.mark.parametrize("columns", [40, 60, 80])
+@pytest.mark.parametrize("name", ["exact", "wide", "five"])
+def test_front_breaks_no_number_on_a_narrow_terminal(
+    gpuspec_: Command, swept: dict[str, RunFolder], name: str, columns: int, monkeypatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "300")
+    arguments = ("front", swept[name].path, "-o", "out", "--no-pictures")
+    wide = gpuspec_(*arguments).out
+    monkeypatch.setenv("COLUMNS", str(columns))
+    narrow = gpuspec_(*arguments).out
+    told, again = (
+        set(re.findall(r"\d[\d.]*", out.partition("next on the front")[0]))
+        for out in (wide, narrow)
+    )
+    assert told == again
+    assert "…" not in narrow
+    rows = narrow.partition("hits \n")[2].splitlines()[:-1]
+    assert len(rows) >= 2
+    for row in rows:
+        assert re.fullmatch(r"[\d.e+ -]+", row), row
+        assert len(re.findall(r" [01]\.\d{3} ", row.replace(" ", "  "))) >= 3
+
+
+def test_keys_of_one_name_keep_their_sections() -> None:
+    keys = ["tunnel.height_mm", "camera.height_mm", "tunnel.dark_mm"]
+    assert _short(keys) == [*keys[:2], "dark_mm"]
 
 
 @pytest.mark.parametrize(

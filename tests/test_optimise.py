@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -11,11 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commandline import STATION, content, said
+from legible import check_legible, drawn_texts
 
 from gpuspec.errors import OutputError, StationError
 from gpuspec.inspection import simulate
 from gpuspec.station import Station
 from gpuspec.sweeps import optimise as module
+from gpuspec.sweeps import optimise_picture as optimise_picture_
 from gpuspec.sweeps.bench import Bench
 from gpuspec.sweeps.choice import Rule, f1_of
 from gpuspec.sweeps.front import curves
@@ -24,6 +27,7 @@ from gpuspec.sweeps.optimise_picture import optimise_picture, write_trials
 from gpuspec.sweeps.parts import Parts
 from gpuspec.sweeps.plan import Plan
 from gpuspec.sweeps.search import Search, best_of
+from gpuspec.words import BEST, SCORES
 
 BOUNDS = {"tunnel.luminous_mm": "0.5:8", "tunnel.dark_mm": "2:24", "sequence.images": "8:80"}
 
@@ -102,10 +106,73 @@ def test_another_search_in_the_folder_is_refused(plan, tmp_path, opencl, other, 
         optimise(**arguments)
 
 
-@pytest.mark.parametrize("given", ["3:3", "5:2", "1:x", "1"])
-def test_bounds_that_bound_nothing_are_refused(small, given):
-    with pytest.raises(StationError, match=r"tunnel\.dark_mm"):
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ("3:3", "leaves nothing to search; write FROM:TO, e.g"),
+        ("5:2", "is reversed; write 2:5"),
+        ("1:x", "is no interval; write FROM:TO, e.g"),
+        ("1:2:3:4", "is no interval"),
+        ("1:inf", "is no interval"),
+        ("1:2:many", "is no interval"),
+        ("1", "leaves nothing to search"),
+        (1.0, "leaves nothing to search"),
+        ([], "the list of values is empty; write FROM:TO, e.g"),
+        ("x,y", "is not a list of numbers; write FROM:TO, e.g"),
+        ("4,8", "lists values, and a search takes all between two bounds; write 4:8"),
+        ("8,2,4", "write 2:8"),
+    ],
+)
+def test_bounds_that_bound_nothing_are_refused(small, given, told):
+    with pytest.raises(StationError, match=re.escape(told)) as error:
         plan_of(small, {"tunnel.dark_mm": given})
+    assert str(error.value).startswith("tunnel.dark_mm: ")
+    assert "COUNT" not in str(error.value)
+
+
+@pytest.mark.parametrize("given", ["4:8", "4:8:3", [4, 8], [8, 5, 4]])
+def test_bounds_are_the_ends_of_an_interval(small, given):
+    (a,) = plan_of(small, {"tunnel.dark_mm": given}).axes
+    assert a.values == (4, 8)
+
+
+def test_bounds_of_a_whole_key_are_whole(small):
+    with pytest.raises(StationError, match=r"takes whole numbers, and 1\.5:8 has 1\.5"):
+        plan_of(small, {"sequence.images": "1.5:8"})
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--vary", "tunnel.dark_mm"], "write KEY=FROM:TO, e.g"),
+        ([], "nothing to vary; give --vary KEY=FROM:TO, e.g"),
+        (["--vary", "tunnel.dark_mm=4,8"], "write 4:8"),
+        (["--vary", "segmentation.threshold=4:8"], "is not varied"),
+        (["--vary", "tunnel.dark_mm=4:8", "--parts", "0"], "tried on 1 to"),
+        (["--vary", "tunnel.dark_mm=4:8", "--parts", "2"], "has no random [[populations]]"),
+        (["--vary", "tunnel.dark_mm=4:8", "-o", "s.toml"], "s.toml is a file; choose another"),
+        (["--vary", "tunnel.dark_mm=4:8", "-o", "there"], "there holds other files (mine.txt)"),
+    ],
+)
+def test_a_mistake_is_told_in_the_words_of_a_search(folder, gpuspec_, options, words):
+    (folder / "there").mkdir()
+    (folder / "there" / "mine.txt").touch()
+    told = said(gpuspec_("optimise", "s.toml", *options))
+    assert words in told
+    assert "COUNT" not in told
+    assert "sweep" not in told.replace("[sweep.vary]", "")
+
+
+def test_a_list_of_the_station_s_is_searched_between_its_ends_and_told(folder, gpuspec_):
+    (folder / "s.toml").write_text(
+        STATION + '[sweep.vary]\n"tunnel.dark_mm" = [8, 4]\n"sensor.exposure" = "2:4:3"'
+    )
+    ran = gpuspec_("optimise", "s.toml", "--trials", "2")
+    assert ran.code == 0, ran.err
+    assert "note: [sweep] lists values of tunnel.dark_mm; searched is all from 4 to 8." in ran.out
+    assert "sensor.exposure;" not in ran.out
+    for name in SCORES.values():
+        assert name in ran.out
 
 
 def test_a_design_that_is_no_station_keeps_its_reason(small, tmp_path, opencl):
@@ -116,6 +183,18 @@ def test_a_design_that_is_no_station_keeps_its_reason(small, tmp_path, opencl):
     with (tmp_path / "trials.csv").open(encoding="utf-8") as file:
         assert [row["reason"] for row in csv.DictReader(file) if row["reason"]] == reasons
     assert optimise_picture(found).startswith(b"\x89PNG")
+
+
+def test_the_picture_of_a_search_is_legible_and_says_which_way_is_good(
+    plan, tmp_path, opencl, monkeypatch
+):
+    figures = []
+    monkeypatch.setattr(optimise_picture_, "png", figures.append)
+    optimise_picture(optimise(plan, tmp_path, 20, Rule("f1"), backend=opencl))
+    check_legible(figures[0])
+    said = " ".join(text.get_text() for text in drawn_texts(figures[0]))
+    assert f"{SCORES['p1']}; {BEST}" in said
+    assert f"{SCORES['p2']}; {BEST}" in said
 
 
 def test_simulate_reproduces_the_best_exactly(plan, tmp_path, opencl):

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commandline import STATION, content, hidden, names, said
+from legible import check_legible, drawn_texts
 from scenes import check_station
 from tolerances import (
     DISTANCE_MM,
@@ -35,6 +36,7 @@ from gpuspec.studies.deflection import (
     strength,
 )
 from gpuspec.studies.outcome import files
+from gpuspec.words import BEST, P1, P2
 
 PAPER = Dent(diameter_mm=1.0, depth_um=10.0)
 STUDIES = ("signature", "height", "coverage", "tolerance")
@@ -288,6 +290,29 @@ def populated(small) -> Station:
 @pytest.fixture(scope="module")
 def tolerated(populated) -> tolerance.Tolerance:
     return tolerance.study(populated, steps=3, offset_mm=0.5, height_mm=3.0, backend="numpy")
+
+
+@pytest.mark.parametrize("size", [(12.0, 6.0), (5.0, 150.0), (150.0, 5.0)], ids=str)
+def test_every_study_s_picture_is_legible_whatever_the_part(small, size):
+    station = small.replace(
+        part__length_mm=size[0], part__width_mm=size[1], tunnel__height_mm=300.0,
+        tunnel__luminous_mm=2.0, tunnel__dark_mm=6.0, sequence__images=20,
+        defects=[{"kind": "dent", "x_mm": 0.1, "y_mm": 0.1, "diameter_mm": 1.0, "depth_um": 8.0}],
+    )  # fmt: skip
+    for found in (
+        coverage.study(station), height.study(station, distances=5),
+        signature.study(station, distances=5),
+        tolerance.study(station, steps=3, offset_mm=0.1, rotation_rad=0.001),
+    ):  # fmt: skip
+        check_legible(found.figure())
+
+
+def test_the_tolerance_says_which_way_is_good(tolerated):
+    said = " ".join(text.get_text() for text in drawn_texts(tolerated.figure()))
+    for told in (said, tolerated.findings()[0]):
+        assert P1 in told
+        assert P2 in told
+        assert BEST in told
 
 
 def test_the_nominal_score_is_that_of_the_station(populated, tolerated):

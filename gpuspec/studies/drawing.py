@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from gpuspec import words
 from gpuspec.page import (
     MARGIN,
     SKY,
@@ -132,12 +133,13 @@ def coverage_picture(found: Coverage) -> Figure:
     station = found.station
     beside = station.shape[1] < 1.5 * station.shape[0]
     cell = (WIDTH - 2 * MARGIN) / (3 if beside else 1)
-    width, height = fitted(station.shape, cell - 110, 420)
+    width, height = fitted(station.shape, cell - (170 if beside else 110), 420)
+    bar_height = max(height, 110)  # room for its label
     corners = [
-        (MARGIN + cell * place, 170.0) if beside else (MARGIN, 170.0 + place * (height + 96))
+        (MARGIN + cell * place, 170.0) if beside else (MARGIN, 170.0 + place * (bar_height + 96))
         for place in range(3)
     ]
-    below = corners[-1][1] + height + 90
+    below = corners[-1][1] + (bar_height if beside else height) + 90
     sheet = Sheet(WIDTH, below + 320)
     sheet.heading(
         f"Scan coverage: {percent(found.blind)} of the part is blind to a {found.dent}",
@@ -164,7 +166,7 @@ def coverage_picture(found: Coverage) -> Figure:
                             vmin=0, vmax=highest, interpolation="nearest")  # fmt: skip
         ax.set_facecolor(PALE)
         millimetres(ax)
-        bar = sheet.axes(left + width + 16, top, 16, height)
+        bar = sheet.axes(left + width + 16, top, 16, bar_height)
         sheet.figure.colorbar(drawn, cax=bar).set_label(f"mm on the {where}", fontsize=10)
         bar.axhline(reach, color=VERMILION, linewidth=3)
     left, top = corners[-1]
@@ -208,7 +210,7 @@ def tolerance_picture(found: Tolerance) -> Figure:
     sheet.heading(
         f"Tolerance at the fixed threshold of {found.threshold_dn:.5g} DN: nominally "
         f"P1 {nominal.p1:.3f}, P2 {nominal.p2:.3f}, {nominal.defects_hit} of {nominal.defects} "
-        f"defects hit",
+        f"defects hit ({words.BEST})",
         essentials(found.station),
         str(found.info),
     )
@@ -226,11 +228,12 @@ def _draw_perturbation(ax: Axes, moved: Perturbation) -> list[Line2D]:
     """Draw one perturbation's scores; return its curves for the legend."""
     names = [str(value) for value in moved.values]
     x = np.array(moved.values, np.float64) if moved.unit else np.arange(len(names))
-    open_frame(ax, f"{moved.name}, {moved.unit}" if moved.unit else moved.name, "share")
+    open_frame(ax, f"{moved.name}, {moved.unit}" if moved.unit else moved.name,
+               f"share; {words.BEST}")  # fmt: skip
     style: dict[str, Any] = {"markersize": 5, "linestyle": "-" if moved.unit else "none"}
     drawn = [
-        *ax.plot(x, moved.p1, marker="o", color="black", label="P1 (overdetection)", **style),
-        *ax.plot(x, moved.p2, marker="s", color=VERMILION, label="P2 (misdetection)", **style),
+        *ax.plot(x, moved.p1, marker="o", color="black", label=words.P1, **style),
+        *ax.plot(x, moved.p2, marker="s", color=VERMILION, label=words.P2, **style),
         *ax.plot(x, moved.hit, marker="^", color=SKY, label="defects hit", **style),
         ax.axvline(x[moved.nominal], color=GREY, linestyle=":", label="nominal"),
     ]

@@ -13,9 +13,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from gpuspec import words
 from gpuspec.page import MARGIN, SKY, VERMILION, WIDTH, Sheet, open_frame
 from gpuspec.sweeps.chosen import Choice
-from gpuspec.sweeps.diagrams import about, counted, label
+from gpuspec.sweeps.diagrams import about, label
 from gpuspec.sweeps.front import COLUMNS, Points, dominated
 from gpuspec.sweeps.scores import Scores, rows_of
 
@@ -33,9 +34,9 @@ def front_picture(choice: Choice) -> Figure:
     at_random, along = _drawn(choice)
     sheet = Sheet(WIDTH, 1010)
     sheet.heading(
-        "Misdetection P2 versus overdetection P1: each curve is a design at all its thresholds",
+        f"Recall P2 over precision P1 ({words.BEST}): each curve is a design at all its thresholds",
         about(choice),
-        f"drawn: {counted(len(at_random), 'design')} at random and {len(along):,} of the "
+        f"drawn: {words.plural(len(at_random), 'design')} at random and {len(along):,} of the "
         f"{len(choice.ranked.design):,} on the front; pale: leaps from one threshold to the next",
     )
     kinds = [
@@ -47,7 +48,7 @@ def front_picture(choice: Choice) -> Figure:
     whole = sheet.axes(MARGIN, 150, 860, 780)
     zoom = sheet.axes(1054, 520, 350, 410)
     for ax in (whole, zoom):
-        open_frame(ax, "P1 (overdetection)", "P2 (misdetection)")
+        open_frame(ax, f"{words.P1}; {words.BEST}", f"{words.P2}; {words.BEST}")
         handles = [_draw_curves(ax, *kind) for kind in kinds]
         for points, style, name in fronts:
             handles += ax.plot(
@@ -139,14 +140,14 @@ def _describe(sheet: Sheet, choice: Choice, left: float, top: float) -> None:
     best = choice.best
     sheet.text(left, top, "Chosen design", fontsize=12, fontweight="bold", color=VERMILION)
     bound = "" if best.exact else "at most "
-    values = [(label(key), f"{value:g}") for key, value in best.values.items()]
+    values = [(label(key), words.number(value)) for key, value in best.values.items()]
     if len(values) > 6:
         values = [*values[:5], (f"and {len(values) - 5} more keys", "see chosen.json")]
     said = [
         *values,
         ("threshold, DN", f"{best.threshold_dn:.6g}"),
-        ("P1 (overdetection)", f"{bound}{best.p1:.4f}"),
-        ("P2 (misdetection)", f"{best.p2:.4f}"),
+        (words.P1, f"{bound}{best.p1:.4f}"),
+        (words.P2, f"{best.p2:.4f}"),
         ("F1", f"{bound}{best.f1:.4f}"),
         ("defects hit", f"{best.hits} of {choice.defects}"),
         ("design", f"{best.design:,}"),

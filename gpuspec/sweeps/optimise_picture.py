@@ -8,14 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from gpuspec import words
 from gpuspec.figures import png
 from gpuspec.page import MARGIN, SKY, VERMILION, WIDTH, Sheet, open_frame
 from gpuspec.sweeps.choice import f1_of
-from gpuspec.sweeps.diagrams import counted
 from gpuspec.sweeps.optimise import Optimum
 from gpuspec.sweeps.search import Trial, best_of
-
-_NAMES = {"p1": "P1 (overdetection)", "p2": "P2 (misdetection)", "f1": "F1"}
 
 
 def write_trials(path: Path, found: Optimum) -> None:
@@ -42,8 +40,8 @@ def optimise_picture(found: Optimum) -> bytes:
     sheet = Sheet(WIDTH, 800)
     sheet.heading(
         "What the search tried: each point is a design at its best threshold",
-        f"{counted(len(found.trials), 'trial')}, {counted(found.plan.parts, 'part')}, "
-        f"{counted(best.defects, 'defect')}  ·  rule: {found.rule}",
+        f"{words.plural(len(found.trials), 'trial')}, {words.plural(found.plan.parts, 'part')}, "
+        f"{words.plural(best.defects, 'defect')}  ·  rule: {found.rule}",
     )
     plane = sheet.axes(MARGIN, 136, 600, 580)
     handles = []
@@ -70,7 +68,7 @@ def optimise_picture(found: Optimum) -> bytes:
         plane.axhline(found.rule.p2_floor, color="#404040", linewidth=1, linestyle=(0, (5, 4)))
         plane.text(1.015, found.rule.p2_floor - 0.01, f"least P2: {found.rule.p2_floor:g}",
                    ha="right", va="top", fontsize=9.5, color="#404040")  # fmt: skip
-    open_frame(plane, _NAMES["p1"], _NAMES["p2"])
+    open_frame(plane, f"{words.P1}; {words.BEST}", f"{words.P2}; {words.BEST}")
     course = sheet.axes(800, 136, 604, 580)
     numbers, goals = [], []
     for end, _ in valid:
@@ -81,7 +79,7 @@ def optimise_picture(found: Optimum) -> bytes:
     course.plot([*numbers, len(found.trials)], [*goals, goals[-1]], color=VERMILION, linewidth=1.8,
                 drawstyle="steps-post")  # fmt: skip
     course.set(xlim=(0, len(found.trials)), ylim=(0, 1.02))
-    open_frame(course, "trials", f"{_NAMES[goal]} of the best by the rule so far")
+    open_frame(course, "trials", f"{words.SCORES[goal]} of the best by the rule so far")
     sheet.legend(handles, 82)
     return png(sheet.figure)
 
