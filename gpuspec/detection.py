@@ -191,7 +191,7 @@ def _finds(result: Result) -> list[_Find]:
         }
         caption = (
             f"false: {result.classes[index]}\nblob {blobs.label[index]}, "
-            f"{blobs.area_mm2[index]:.2g} mm²\n"
+            f"{_two_digits(blobs.area_mm2[index])} mm²\n"
             f"peak {blobs.peak_dn[index]:.0f} DN"
         )
         finds.append(_find("false", box, caption, -float(blobs.area_px[index])))
@@ -206,8 +206,12 @@ def _find(kind: str, box: dict[str, Any], caption: str, urgency: float) -> _Find
 def _caption(defect: KnownDefect, number: int) -> str:
     way = "↑" if defect.kind == "bump" else "↓"
     across = "wide" if defect.length_mm else "⌀"
-    size = length_text(float(f"{defect.size_mm:.2g}"))
-    return f"{defect.kind} {number}\n{across} {size}, {way} {defect.depth_um:.2g} µm"
+    size = length_text(float(_two_digits(defect.size_mm)))
+    return f"{defect.kind} {number}\n{across} {size}, {way} {_two_digits(defect.depth_um)} µm"
+
+
+def _two_digits(value: float) -> str:
+    return words.number(float(f"{value:.2g}"))
 
 
 def _box_mm(find: _Find, station: Station) -> tuple[float, float, float, float]:

@@ -276,6 +276,12 @@ def test_details_show_missed_defects_first_then_false_blobs_then_hits() -> None:
     assert any("bump 2\n⌀ 0.8 mm, ↑ 0.02 µm" in title for title in titles)
 
 
+def test_a_caption_has_no_exponent() -> None:
+    made = simulate(Station.parse(STATIONS["normal"].replace("6.0", "123.0")))
+    titles = [ax.get_title(loc="left") for ax in detection_picture(made).axes]
+    assert any("↓ 120 µm" in title for title in titles), titles
+
+
 def test_the_title_gives_the_score(reduced: Result) -> None:
     words = " ".join(text.get_text() for text in detection_picture(reduced).texts)
     assert f"{P1} {reduced.score.p1:.3f}" in words
