@@ -74,7 +74,8 @@ def cautions(
         A note each, of one or two sentences; most basic first.
     """
     lit = lost == 0
-    said = [*unstated(station), *without_effect(station), *of_light(station, lost, truth)]
+    said = [*unstated(station), *without_effect(station), *relief.remarks]
+    said += of_light(station, lost, truth)
     said += (
         of_stripes(station) if light_map.pattern is None else _of_pattern(light_map, lit, aspect)
     )

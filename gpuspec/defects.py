@@ -37,6 +37,9 @@ Points = Annotated[
 ]
 
 
+Pitch = Annotated[float, Field(gt=0, le=1e6)]
+
+
 class Section(BaseModel):
     """Frozen values: no unknown key, no coercion, no NaN."""
 
@@ -52,7 +55,26 @@ class Section(BaseModel):
 class Topography(Section):
     """A measured topography."""
 
-    file: str = Field(min_length=1, description="topography file, relative to the station file")
+    file: str = Field(
+        min_length=1,
+        description='topography file, relative to the station file; "polished": one made to try',
+    )
+    height_unit: Literal["m", "mm", "um", "nm"] | None = Field(
+        None, description="of the file's heights, where it states none (.npy, .tif, text)"
+    )
+    height_scale: float = Field(
+        1.0, gt=0, le=1e9, description="the file's heights times this, e.g. units per grey level"
+    )
+    pitch_um: Pitch | Annotated[tuple[Pitch, Pitch], Field(strict=False)] | None = Field(
+        None, description="distance of two points, or [along x, along y], where the file has none"
+    )
+    outlier_um: float | None = Field(
+        None,
+        gt=0,
+        le=1e6,
+        description="points further than this from the median of the 5 x 5 around them count as "
+        "missing; none: all are kept",
+    )
     form_removed: Literal["none", "mean", "plane", "curvature"] = Field(
         "plane", description="least-squares form taken off: nothing, mean, plane or curvature"
     )

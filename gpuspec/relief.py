@@ -71,6 +71,9 @@ class Grooves:
     def __len__(self) -> int:
         return len(self.depth)
 
+    def __repr__(self) -> str:
+        return f"Grooves({len(self)} straight pieces, in mm)"
+
 
 @dataclass(frozen=True)
 class Relief:
@@ -109,6 +112,15 @@ class Relief:
         """
         defects = place(station, progress)
         return cls(defects, Grooves.of(defects), read_maps(station))
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What was done to the maps: filled, left out, cropped; a sentence each."""
+        return tuple(remark for m in self.maps for remark in m.remarks)
+
+    def __repr__(self) -> str:
+        maps = "".join(f", {m!r}" for m in self.maps)
+        return f"Relief({len(self.defects)} defects, {len(self.grooves)} grooves{maps})"
 
 
 def averaged(grooves: Grooves, station: Station) -> Grooves:

@@ -18,6 +18,7 @@ from pydantic import Field, PrivateAttr, ValidationError, model_validator
 from gpuspec.defects import (
     MICRO,
     Defect,
+    Distribution,
     Length,
     Patch,
     Population,
@@ -27,7 +28,7 @@ from gpuspec.defects import (
     Seed,
     Topography,
 )
-from gpuspec.errors import StationError
+from gpuspec.errors import StationError, TopographyError
 from gpuspec.validation import explain
 
 
@@ -193,6 +194,7 @@ class Sweep(Section):
     )
 
 
+_SIDES = ("length_mm", "width_mm")  # of the part
 _PLACE = re.compile(r"([^\[\]]+)((?:\[\d{1,6}\])*)")
 
 
@@ -219,6 +221,55 @@ def plain(value: Any) -> Any:
         return type(value)(plain(inner) for inner in value)
     # Both have it, and nothing else that a station holds; NumPy need not be imported to know.
     return value.tolist() if hasattr(value, "tolist") else value
+
+
+def _at(station: Station, path: str) -> Any:
+    """Return what a station holds at a path; None where there is nothing."""
+    found: Any = station
+    for place in places(path):
+        if isinstance(place, int):
+            found = found[place] if isinstance(found, tuple) and place < len(found) else None
+        else:
+            found = getattr(found, place, None) if isinstance(found, Section) else None
+    return found
+
+
+def _merged(section: Any, old: Any, new: Any) -> Any:
+    """Return a section's table with the keys of another put in; a value is replaced."""
+    if not isinstance(section, Section) or isinstance(section, Distribution):
+        return new
+    if not isinstance(old, dict) or not isinstance(new, dict):
+        return new
+    if "kind" in new and new["kind"] != old.get("kind"):
+        return new
+    merged = dict(old)
+    for key, value in new.items():
+        if value is None:
+            merged.pop(key, None)
+        else:
+            merged[key] = _merged(getattr(section, key, None), old.get(key), value)
+    return merged
+
+
+def _sides_of_map(data: dict[str, Any], folder: Path) -> dict[str, float | None]:
+    """Return the sides of the part that its map decides, None where the map cannot be read yet."""
+    part = data.get("part")
+    relief = part.get("relief") if isinstance(part, dict) else None
+    if not isinstance(part, dict) or not isinstance(relief, dict):
+        return {}
+    sides: dict[str, float | None] = {side: None for side in _SIDES if side not in part}
+    if sides:
+        from gpuspec.topography_file import size_mm
+
+        try:
+            topography = Topography.model_validate(relief)
+            size = size_mm(topography, folder / topography.file)
+        except (ValidationError, TopographyError):
+            return sides
+        for side, value in zip(_SIDES, size, strict=True):
+            if side in sides:
+                sides[side] = float(f"{value:.9g}")
+    return sides
 
 
 class Station(Section):
@@ -311,23 +362,36 @@ class Station(Section):
     ) -> Station:
         """Build a station from nested dictionaries as TOML gives them.
 
+        A part with a measured relief and without ``length_mm`` or ``width_mm`` gets them from the
+        map, if it can be read; whoever uses the map says why it cannot.
+
         Raises
         ------
         StationError
             As :meth:`read`.
         """
+        sides = _sides_of_map(data, Path(folder))
+        if any(sides.values()):
+            data = {**data, "part": {**data["part"], **{k: v for k, v in sides.items() if v}}}
         try:
             station = cls.model_validate(data)
         except ValidationError as error:
-            raise StationError("\n".join(explain(error, cls, file))) from None
+            said = explain(error, cls, file)
+            if any(sides.values()):
+                taken = " and ".join(f"{k} = {v:g}" for k, v in sides.items() if v)
+                said.append(f"{file}: part.relief gives the part {taken}; check its map's pitch.")
+            raise StationError("\n".join(said)) from None
         station._folder = Path(folder)
         station._file = file
+        station.part.model_fields_set.difference_update(sides)
         return station
 
     def replace(self, /, **changes: Any) -> Station:
         """Return a station with values changed by dotted path, e.g. ``{"tunnel.dark_mm": 8.0}``.
 
-        Entries of lists count from 1: ``{"defects[2].depth_um": 3.0}``.
+        Entries of lists count from 1: ``{"defects[2].depth_um": 3.0}``. A dictionary changes the
+        keys it names and leaves the others of its section: ``{"tunnel": {"dark_mm": 8.0}}``; only a
+        defect of another kind takes the place of the old one whole. None unsets a key.
 
         Keyword names use ``__`` for the dot: ``replace(tunnel__dark_mm=8.0)``.
 
@@ -337,6 +401,8 @@ class Station(Section):
             If the changed station is invalid.
         """
         data = self.as_dict()
+        given = self.part.model_fields_set if self.part.relief else _SIDES
+        sides = {side: data["part"].pop(side) for side in _SIDES if side not in given}
         for name, value in plain(changes).items():
             path = name.replace("__", ".")
             *sections, key = places(path)
@@ -345,7 +411,12 @@ class Station(Section):
                 target = self._inside(target, place, path)
             if isinstance(key, int):
                 self._inside(target, key, path)  # there must be such an entry
-                target[key] = value
+                if value is None:
+                    raise StationError(
+                        f"{self._file}: {path} cannot be unset alone; give the whole list, e.g. "
+                        f"{sections[-1]} = []."
+                    )
+                target[key] = _merged(_at(self, path), target[key], value)
             elif not isinstance(target, dict):
                 raise StationError(
                     f"{self._file}: {path} cannot be changed: {sections[-1]} is not a table of "
@@ -354,7 +425,10 @@ class Station(Section):
             elif value is None:
                 target.pop(key, None)
             else:
-                target[key] = value
+                target[key] = _merged(_at(self, path), target.get(key), value)
+        part = data.get("part")
+        if isinstance(part, dict) and "relief" not in part:
+            data["part"] = sides | part  # another map gives another size; without one it stays
         changed = type(self).from_dict(data, self._file, self._folder)
         changed._source = self._source
         return changed

@@ -8,14 +8,10 @@ the edge (a mirrored end would flatten it).
 
 from __future__ import annotations
 
-import logging
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,20 +20,17 @@ from scipy.special import ive
 
 from gpuspec.defects import MICRO, Patch, Topography
 from gpuspec.errors import TopographyError
+from gpuspec.form import Heights, Mask, filled, form, standing_out
 from gpuspec.station import Station
+from gpuspec.topography_file import SIDE_MIN, Measured, brief, read_topography, silence
 
-INSTALL = 'pip install "gpuspec[topography]"'
-POINTS_MAX = 100_000_000  # of all maps: 0.4 GB on the device, some 5 GB here while they are read
-_SIDE_MIN = 4
-_MISSING_MAX = 0.5
 _SLOPE_MAX = 1.0  # rms; beyond, heights and pitch are not of the same unit
 _ROUNDING_SLOPE_MAX = 1e-5  # rad, of float32 heights over one pitch
 _VARIANCE_MIN = 1e-9  # points^2; below, smoothing changes nothing
 _VARIANCE_WIDE = 1e6  # points^2; above, the Gaussian on the grid is the true one (and ive fails)
 _END = 16  # points after which the spline forgets what follows: 0.27^16 = 7e-10
-
-Heights = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+_FEW = 0.05  # of the points may be outliers
+_COARSE = 8  # pixels between two points, from which on it is said
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +51,9 @@ class TopographyMap:
         Points of the map's known defects; None: none is known.
     name : str
         The key it comes from: ``part.relief``, ``defects[3]``.
+    remarks : tuple of str
+        What was done to the map that its owner should know: filled, left out, cropped; a sentence
+        each.
     """
 
     heights_mm: Heights
@@ -66,6 +62,12 @@ class TopographyMap:
     corner_mm: tuple[float, float]
     zone: Mask | None
     name: str
+    remarks: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        ny, nx = self.heights_mm.shape
+        px, py = self.pitch_mm
+        return f"TopographyMap({self.name}: {ny} x {nx} heights in mm, pitch {px:g} x {py:g} mm)"
 
     @cached_property
     def spline(self) -> Any:
@@ -232,27 +234,127 @@ def _laid(
 ) -> TopographyMap:
     """Read a topography and make it the relief that a sub-ray sees; `points` are already read."""
     says = f'{station.file}: {key}.file = "{topography.file}"'
-    heights, defined, pitch = _read(station.locate(topography.file), says, points)
+    path = station.locate(topography.file)
+    measured = read_topography(topography, path, station.file, key, points)
+    heights, pitch = measured.heights_mm, measured.pitch_mm
     ny, nx = heights.shape
+    corner = centre[0] - (nx - 1) / 2 * pitch[0], centre[1] - (ny - 1) / 2 * pitch[1]
+    _check_pitch(station, measured, says)
     sigma = topography.smoothing_um * MICRO
-    if sigma > min(nx * pitch[0], ny * pitch[1]) / 4:
+    if sigma > min(measured.size_mm) / 4:
         raise TopographyError(
             f"{says} with smoothing_um = {topography.smoothing_um:g}: nothing is left of a map of "
             f"{nx * pitch[0]:g} x {ny * pitch[1]:g} mm; smooth by less than a quarter of its side."
         )
-    rough = _filled(heights, defined) - _form(heights, defined, topography.form_removed)
+    defined, remarks = measured.defined, []
+    if topography.outlier_um is not None:
+        defined, remark = _without_outliers(measured, topography.outlier_um, says, key, corner)
+        remarks += remark
+    remarks += _remarks(station, measured, defined, key, corner)
+    rough = filled(heights, defined) - form(heights, defined, topography.form_removed)
     window = np.outer(_fading(ny, taper), _fading(nx, taper))
     relief = _smoothed(rough, sigma**2, pitch) * window
-    _check_relief(relief, pitch, says)
+    _check_relief(relief, measured, says, key, corner)
     zone = _zone(station, topography, key, relief)
     square = (station.camera.sampling_mm / station.camera.subsampling) ** 2 / 12
     return TopographyMap(
         _smoothed(rough, sigma**2 + square, pitch) * window,
         relief,
         pitch,
-        (centre[0] - (nx - 1) / 2 * pitch[0], centre[1] - (ny - 1) / 2 * pitch[1]),
+        corner,
         None if zone is None else zone & defined,
         key,
+        tuple(remarks),
+    )
+
+
+def _without_outliers(
+    measured: Measured, limit_um: float, says: str, key: str, corner: tuple[float, float]
+) -> tuple[Mask, list[str]]:
+    """Return the points that are kept, and what is said of the others."""
+    away = standing_out(measured.heights_mm, measured.defined)
+    out = away > limit_um * MICRO
+    count = np.count_nonzero(out)
+    defined = measured.defined & ~out
+    if np.count_nonzero(defined) < 0.5 * defined.size:
+        raise TopographyError(
+            f"{says}: outlier_um = {limit_um:g} leaves out {_percent(out.mean())} of its points; "
+            f"give a larger one."
+        )
+    if not count:
+        return defined, []
+    furthest = f"{away.max() / MICRO:.4g} um {_place(away, measured, corner)}"
+    beyond = f"more than outlier_um = {limit_um:g} um out of"
+    if count == 1:
+        told = f"1 of the map's points stands {beyond} its surroundings and was left out: by"
+    else:
+        told = (
+            f"{count:,} of the map's points stand {beyond} their surroundings and were left out; "
+            f"the furthest by"
+        )
+    return defined, [f"{key}: {told} {furthest}."]
+
+
+def _remarks(
+    station: Station, measured: Measured, defined: Mask, key: str, corner: tuple[float, float]
+) -> list[str]:
+    """Say what of a map is missing, and what of it the part and the camera do not take."""
+    said = []
+    pitch, size = measured.pitch_mm, measured.size_mm
+    missing = ~measured.defined
+    if missing.any():
+        holes, _ = ndimage.label(missing)
+        ys, xs = ndimage.find_objects(holes)[np.bincount(holes[missing]).argmax() - 1]
+        x = corner[0] + (xs.start + xs.stop - 1) / 2 * pitch[0]
+        y = corner[1] + (ys.start + ys.stop - 1) / 2 * pitch[1]
+        wide, high = (xs.stop - xs.start) * pitch[0], (ys.stop - ys.start) * pitch[1]
+        said.append(
+            f"{key}: {_percent(missing.mean())} of the map's points "
+            f"({np.count_nonzero(missing):,}) are missing; they were filled smoothly from those around them and count as flawless "
+            f"(the largest hole, {wide:.3g} x {high:.3g} mm, at x = {x:.4g}, y = {y:.4g} mm)."
+        )
+    part = station.part.length_mm, station.part.width_mm
+    taken = 1.0
+    for start, p, n, side in zip(corner, pitch, defined.shape[::-1], part, strict=True):
+        low, high = max(start - p / 2, -side / 2), min(start + (n - 0.5) * p, side / 2)
+        if high - low < (n - 1) * p:  # a pitch is left for rounding
+            taken *= max(high - low, 0) / (n * p)
+    if taken < 1:
+        said.append(
+            f"{key}: {_percent(1 - taken)} of its map, {size[0]:.4g} x {size[1]:.4g} mm, lie "
+            f"beyond the part of {part[0]:.4g} x {part[1]:.4g} mm and are left out"
+            + (
+                "; without part.length_mm and part.width_mm the part takes the map's size."
+                if key == "part.relief"
+                else "."
+            )
+        )
+    sampling = station.camera.sampling_mm
+    if max(pitch) > _COARSE * sampling:
+        said.append(
+            f"{key}: the map's points lie {max(pitch) / sampling:.3g} pixels apart, "
+            f"{max(pitch):.3g} mm: no smaller defect can be in it; check the unit of its pitch."
+        )
+    if min(size) < sampling:
+        said.append(
+            f"{key}: the whole map, {size[0]:.3g} x {size[1]:.3g} mm, is smaller than a pixel of "
+            f"camera.sampling_mm = {sampling:g}; check the unit of its pitch."
+        )
+    return said
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.3g} %"
+
+
+def _place(values: Heights, measured: Measured, corner: tuple[float, float]) -> str:
+    """Say where the greatest value is: in the file, and on the part."""
+    row, column = np.unravel_index(int(values.argmax()), values.shape)
+    x = corner[0] + column * measured.pitch_mm[0]
+    y = corner[1] + row * measured.pitch_mm[1]
+    return (
+        f"in line {len(values) - row}, column {column + 1} of the map, at x = {x:.4g} mm, "
+        f"y = {y:.4g} mm"
     )
 
 
@@ -265,115 +367,67 @@ def _fading(points: int, taper: float) -> Heights:
     return fading
 
 
-@contextmanager
-def _silence() -> Iterator[None]:
-    """Keep what readers print of damaged files from the user, who gets one sentence."""
-    level = logging.root.manager.disable
-    logging.disable(logging.CRITICAL)
-    try:
-        with warnings.catch_warnings(), np.errstate(all="ignore"):
-            warnings.simplefilter("ignore")
-            yield
-    finally:
-        logging.disable(level)
-
-
-def _read(path: Path, says: str, points: int) -> tuple[Heights, Mask, tuple[float, float]]:
-    """Read heights in mm (0 where missing), where they are defined, and the pitch in mm."""
-    if not path.is_file():
-        raise TopographyError(f"{says} is not there; looked for {path}.")
-    with _silence():
-        try:
-            from SurfaceTopography import open_topography
-            from SurfaceTopography.Exceptions import CannotDetectFileFormat
-        except ImportError as error:
-            raise TopographyError(
-                f"{says} cannot be read without SurfaceTopography ({error}); {INSTALL}."
-            ) from None
-        # A reader given damaged bytes may raise anything.
-        try:
-            with open_topography(str(path)) as reader:
-                channel = reader.default_channel
-                grid = tuple(int(n) for n in channel.nb_grid_pts or ())
-                _check_grid(grid, channel.is_uniform is not False, says, points)
-                _check_unit(channel.unit, says)
-                measured = reader.topography().to_unit("mm")
-                heights: Any = np.ma.asarray(measured.heights()).astype(np.float64)
-                infinite = bool(np.isinf(heights.compressed()).any())
-                heights = np.ma.masked_invalid(heights, copy=False)
-                pitch = tuple(float(p) for p in measured.pixel_size)
-        except TopographyError:
-            raise
-        except CannotDetectFileFormat:
-            raise TopographyError(
-                f"{says} is in no format that SurfaceTopography knows, or is damaged; export it "
-                f"from the instrument as .sur, .x3p or .al3d."
-            ) from None
-        except Exception as error:
-            raise TopographyError(
-                f"{says} cannot be read ({_brief(error)}); it may be damaged: export it again."
-            ) from None
-    if infinite:
-        raise TopographyError(f"{says} holds infinite heights; mark these points as missing.")
-    if not all(np.isfinite(p) and p > 0 for p in pitch):
-        raise TopographyError(f"{says} has a pitch of {pitch} mm; export it again.")
-    defined = ~np.ma.getmaskarray(heights).T[::-1]
-    missing = 1 - np.count_nonzero(defined) / defined.size
-    if missing > _MISSING_MAX:
-        share = "all" if missing == 1 else f"{missing:.0%}"
-        raise TopographyError(
-            f"{says} misses {share} of its points, more than {_MISSING_MAX:.0%}; measure it again "
-            f"or crop it."
+def _check_pitch(station: Station, measured: Measured, says: str) -> None:
+    """Refuse a map of which the part sees next to nothing: its unit is another."""
+    part = station.part.length_mm, station.part.width_mm
+    if any(side < SIDE_MIN * p for side, p in zip(part, measured.pitch_mm, strict=True)):
+        size, pitch = (
+            " x ".join(f"{v:.4g}" for v in pair) for pair in (measured.size_mm, measured.pitch_mm)
         )
-    return heights.filled(0).T[::-1], defined, (pitch[0], pitch[1])
-
-
-def _brief(error: Exception) -> str:
-    lines = str(error).strip().splitlines() or [type(error).__name__]
-    return lines[0].rstrip(".")[:200]
-
-
-def _check_grid(grid: tuple[int, ...], uniform: bool, says: str, points: int) -> None:
-    if len(grid) != 2 or not uniform:
         raise TopographyError(
-            f"{says} is {'a line scan' if len(grid) < 2 else 'scattered points'}, not an area "
-            f"on a regular grid; give an areal topography."
-        )
-    if min(grid) < _SIDE_MIN:
-        raise TopographyError(
-            f"{says} has {grid[0]} x {grid[1]} points; at least {_SIDE_MIN} x {_SIDE_MIN} are "
-            f"needed."
-        )
-    if grid[0] * grid[1] + points > POINTS_MAX:
-        already = f" beside {points:,} of other maps" if points else ""
-        raise TopographyError(
-            f"{says} has {grid[0] * grid[1]:,} points{already}, more than {POINTS_MAX:,}; crop "
-            f"or resample it."
+            f"{says} has a pitch of {pitch} mm and is {size} mm large: the part of {part[0]:.4g} x "
+            f"{part[1]:.4g} mm covers fewer than {SIDE_MIN} of its points; check the unit of the "
+            f"map's pitch (m for mm?), or part.length_mm and part.width_mm."
         )
 
 
-def _check_unit(unit: str | None, says: str) -> None:
-    if not unit:
-        raise TopographyError(
-            f"{says} carries no length unit, so its heights mean nothing; use a format with "
-            f"units, such as .sur, .x3p or .al3d."
-        )
-
-
-def _check_relief(heights: Heights, pitch: tuple[float, float], says: str) -> None:
+def _rms_slope(heights: Heights, pitch: tuple[float, float]) -> float:
     slopes = [np.diff(heights, axis=1) / pitch[0], np.diff(heights, axis=0) / pitch[1]]
-    slope = float(np.sqrt(sum(np.mean(s**2) for s in slopes)))
+    return float(np.sqrt(sum(np.mean(s**2) for s in slopes)))
+
+
+def _check_relief(
+    relief: Heights, measured: Measured, says: str, key: str, corner: tuple[float, float]
+) -> None:
+    pitch = measured.pitch_mm
+    slope = _rms_slope(relief, pitch)
     if not slope <= _SLOPE_MAX:
         raise TopographyError(
-            f"{says} has an rms slope of {slope:.3g}, more than {_SLOPE_MAX:g}: no mirror; check "
-            f"the units of its heights and pitch, or smooth it (smoothing_um)."
+            f"{says} has an rms slope of {slope:.3g}, more than {_SLOPE_MAX:g}: no mirror; "
+            f"{_way_to_a_mirror(measured, key, corner)}."
         )
-    highest = float(np.abs(heights).max())
+    highest = float(np.abs(relief).max())
     if highest * np.finfo(np.float32).eps > _ROUNDING_SLOPE_MAX * min(pitch):
         raise TopographyError(
             f"{says} reaches {highest:.3g} mm from zero, too far for slopes in single precision at "
-            f'a pitch of {min(pitch):.3g} mm; remove more form (form_removed = "curvature").'
+            f"a pitch of {min(pitch):.3g} mm; {_way_to_a_mirror(measured, key, corner)}, or remove "
+            f'more form (form_removed = "curvature").'
         )
+
+
+def _way_to_a_mirror(measured: Measured, key: str, corner: tuple[float, float]) -> str:
+    """Say what may be wrong with a map: a few points, where without them it is one, or its units.
+
+    The points that stand out by more than a pitch: steeper than 45 degrees, where no light of a
+    mirror comes back to an instrument above it.
+    """
+    steepest = min(measured.pitch_mm)
+    away = standing_out(measured.heights_mm, measured.defined)
+    out = away > steepest
+    count = np.count_nonzero(out)
+    kept = measured.defined & ~out
+    if 0 < count < _FEW * out.size and (
+        _rms_slope(filled(measured.heights_mm, kept), measured.pitch_mm) <= _SLOPE_MAX
+    ):
+        stand = "one point stands" if count == 1 else f"{count:,} points stand"
+        furthest = "," if count == 1 else ", the furthest"
+        limit = float(f"{steepest / MICRO:.3g}")
+        return (
+            f"{stand} far out of the surroundings{furthest} by {away.max() / MICRO:.4g} um "
+            f"{_place(away, measured, corner)}; {key}.outlier_um = {limit:g} leaves out what "
+            f"stands out by more than a pitch"
+        )
+    return "check the units of its heights and pitch, or smooth it (smoothing_um)"
 
 
 def _check_cover(station: Station, relief: TopographyMap) -> None:
@@ -390,50 +444,9 @@ def _check_cover(station: Station, relief: TopographyMap) -> None:
         assert station.part.relief
         raise TopographyError(
             f'{station.file}: part.relief.file = "{station.part.relief.file}" is smaller than the '
-            f"part by {over}; give the map's size as part.length_mm = {fit[0]:g}, "
-            f"part.width_mm = {fit[1]:g}."
+            f"part by {over}; leave part.length_mm and part.width_mm out, and the part takes the "
+            f"map's size, or give it as part.length_mm = {fit[0]:g}, part.width_mm = {fit[1]:g}."
         )
-
-
-def _form(
-    heights: Heights,
-    defined: Mask,
-    removed: Literal["none", "mean", "plane", "curvature"],
-) -> Heights:
-    """Least-squares polynomial of degree 0, 1 or 2 in x and y over the defined points.
-
-    The products of sums along rows and columns stand in for the (points x terms) matrix.
-    """
-    if removed == "none":
-        return np.zeros_like(heights)
-    degree = ("mean", "plane", "curvature").index(removed)
-    py, px = (
-        np.polynomial.legendre.legvander(np.linspace(-1, 1, n), degree) for n in heights.shape
-    )
-    a, b = np.array([(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]).T
-    qy, qx = ((p[:, :, None] * p[:, None, :]).reshape(len(p), -1) for p in (py, px))
-    moments = (qy.T @ defined @ qx).reshape((degree + 1,) * 4)
-    gram = moments[a[:, None], a, b[:, None], b]
-    right = (py.T @ np.where(defined, heights, 0) @ px)[a, b]
-    terms = np.zeros((degree + 1, degree + 1))
-    terms[a, b] = np.linalg.lstsq(gram, right, rcond=None)[0]
-    form: Heights = py @ terms @ px.T
-    return form
-
-
-def _filled(heights: Heights, defined: Mask) -> Heights:
-    """Fill missing points by the harmonic function that meets the defined points around them.
-
-    The form is taken off meanwhile: holes at the edge then follow it too.
-    """
-    if defined.all():
-        return heights
-    from SurfaceTopography import Topography as Measured
-
-    form = _form(heights, defined, "curvature")
-    measured = Measured(np.ma.masked_array(heights - form, ~defined), heights.shape)
-    filled = measured.interpolate_undefined_data_with_harmonic_function().heights()
-    return np.where(defined, heights, np.ma.getdata(filled) + form)
 
 
 def _smoothed(heights: Heights, variance: float, pitch: tuple[float, float]) -> Heights:
@@ -469,12 +482,12 @@ def _zone(station: Station, topography: Topography, key: str, relief: Heights) -
     path = station.locate(file)
     if not path.is_file():
         raise TopographyError(f"{says} is not there; looked for {path}.")
-    with _silence():
+    with silence():
         try:
             picture = _picture(path)
         except Exception as error:
             raise TopographyError(
-                f"{says} is not an image that can be read ({_brief(error)}); save it as .png or "
+                f"{says} is not an image that can be read ({brief(error)}); save it as .png or "
                 f".tif."
             ) from None
     if picture.shape != relief.shape:

@@ -7,11 +7,15 @@ import sys
 
 import numpy as np
 import pytest
+import tifffile
 from PIL import Image
 
-from gpuspec.errors import TopographyError
+from gpuspec.errors import StationError, TopographyError
+from gpuspec.form import filled
+from gpuspec.inspection import simulate
 from gpuspec.opencl import OpenCLBackend
 from gpuspec.station import Station
+from gpuspec.stationfile import to_toml
 from gpuspec.topography import coefficients, map_records, read_maps, relief_at, zone_at
 
 # Slopes of the float32 spline against float64: heights of 1 um are rounded to 6e-8 of themselves
@@ -465,6 +469,7 @@ def test_a_part_may_be_as_large_as_its_map_but_not_larger(folder):
     message = rejected(relief_station(folder, (0.5, 0.41)))
     assert 'part.relief.file = "x.sur" is smaller than the part by 0.02 mm along x' in message
     assert "0.01 mm along y" in message
+    assert "leave part.length_mm and part.width_mm out" in message
     assert message.endswith("part.length_mm = 0.48, part.width_mm = 0.4.")
 
 
@@ -479,7 +484,10 @@ def test_a_missing_file_is_named_with_the_place_looked_for(folder):
 
 def test_a_file_without_unit_is_refused(folder):
     np.savetxt(folder / "x.sur", np.random.default_rng(0).normal(size=(9, 9)))
-    assert "carries no length unit" in rejected(patch_station(folder))
+    told = rejected(patch_station(folder))
+    assert "carries no length unit" in told
+    assert "defects[2].height_unit" in told
+    assert "defects[2].pitch_um" in told
 
 
 def test_unknown_formats_and_damaged_files_are_refused_in_silence(folder, capfd):
@@ -592,3 +600,323 @@ def test_without_surface_topography_the_extra_is_named(folder, monkeypatch):
 def test_a_station_without_topography_needs_no_reader(monkeypatch):
     monkeypatch.setitem(sys.modules, "SurfaceTopography", None)
     assert read_maps(Station()) == ()
+
+
+# ------------------------------------------------------------------------------- plain matrices
+
+PLAIN = {"height_unit": "nm", "pitch_um": 4.0, "form_removed": "none"}
+
+
+def plain_station(folder, file, **relief):
+    part = {"relief": {"file": file, **PLAIN, **relief}}
+    camera = {"sampling_mm": 0.004, "height_mm": 150.0}
+    data = {"part": part, "camera": camera, "tunnel": {"height_mm": 80.0}}
+    return Station.from_dict(data, "demo.toml", folder)
+
+
+def as_text(heights, apart, number="{:.3f}"):
+    return "".join(apart.join(number.format(h) for h in line) + "\n" for line in heights)
+
+
+@pytest.mark.parametrize("name", ["x.npy", "x.tif", "x.txt", "x.csv", "x.asc", "x.dat"])
+def test_a_matrix_without_units_takes_those_of_the_station_file(tmp_path, monkeypatch, name):
+    monkeypatch.setitem(sys.modules, "SurfaceTopography", None)  # none of these needs it
+    heights, missing = polished()
+    nanometres = np.where(missing, np.nan, heights * 1e6)
+    path = tmp_path / name
+    if name == "x.npy":
+        np.save(path, nanometres)
+    elif name == "x.tif":
+        tifffile.imwrite(path, nanometres.astype(np.float32))
+    else:
+        path.write_text(as_text(nanometres, "," if name == "x.csv" else " "), encoding="utf-8")
+    (m,) = read_maps(plain_station(tmp_path, name))
+    np.testing.assert_allclose(m.relief_mm[::-1][~missing], heights[~missing], atol=1e-8)
+    assert m.pitch_mm == (0.004, 0.004)
+    assert "(10) are missing" in m.remarks[0]
+
+
+@pytest.mark.parametrize(
+    ("lines", "apart", "number"),
+    [
+        ("\ufeff% exported\n", "\t", "{:.3f}"),
+        ("# heights\n\n", ";", "{:.3f}"),
+        ("", ", ", "{:.6e}"),
+        ("", "   ", "{:g}"),
+    ],
+)
+def test_text_is_read_however_its_numbers_stand_apart(tmp_path, lines, apart, number):
+    heights, _ = polished()
+    text = lines + as_text(heights * 1e6, apart, number)
+    (tmp_path / "x.txt").write_text(text, encoding="utf-8")
+    (m,) = read_maps(plain_station(tmp_path, "x.txt"))
+    np.testing.assert_allclose(m.relief_mm[::-1], heights, atol=1e-7)
+    assert m.remarks == ()
+
+
+def test_decimal_commas_empty_cells_and_a_separator_at_the_end_are_read(tmp_path):
+    heights, missing = polished()
+    lines = as_text(heights * 1e6, ";").replace(".", ",").splitlines()
+    cells = [line.split(";") for line in lines]
+    for row, column in np.argwhere(missing):
+        cells[row][column] = "" if column else "Bad"
+    text = "\r\n".join(";".join(line) + ";" for line in cells)
+    (tmp_path / "x.csv").write_text(text, encoding="utf-8")
+    (m,) = read_maps(plain_station(tmp_path, "x.csv"))
+    np.testing.assert_allclose(m.relief_mm[::-1][~missing], heights[~missing], atol=1e-8)
+    assert "(10) are missing" in m.remarks[0]
+
+
+def test_a_header_that_states_units_is_believed(tmp_path):
+    heights, _ = polished()
+    header = "# Width: 0.48 mm\n# Height: 0.4 mm\n# Value units: nm\n"
+    text = header + as_text(heights * 1e6, "\t")
+    (tmp_path / "x.txt").write_text(text, encoding="utf-8")
+    station = plain_station(tmp_path, "x.txt", height_unit=None, pitch_um=None)
+    (m,) = read_maps(station)
+    np.testing.assert_allclose(m.relief_mm[::-1], heights, atol=1e-8)
+    assert station.part.length_mm == pytest.approx(0.48)
+
+
+def test_grey_levels_are_heights_times_their_scale(tmp_path):
+    heights, _ = polished()
+    levels = np.round(heights * 1e6 / 0.5).astype(np.uint16)  # half a nanometre each
+    tifffile.imwrite(tmp_path / "x.tif", levels)
+    (m,) = read_maps(plain_station(tmp_path, "x.tif", height_scale=0.5))
+    np.testing.assert_allclose(m.relief_mm[::-1], heights, atol=2.6e-7)
+
+
+def test_a_pitch_may_differ_along_x_and_y(tmp_path):
+    np.save(tmp_path / "x.npy", np.zeros((10, 20)))
+    station = plain_station(tmp_path, "x.npy", pitch_um=[5, 8.0])
+    (m,) = read_maps(station)
+    np.testing.assert_allclose(m.pitch_mm, (0.005, 0.008))
+    np.testing.assert_allclose((station.part.length_mm, station.part.width_mm), (0.1, 0.08))
+
+
+@pytest.mark.parametrize(
+    ("keys", "why"),
+    [
+        ({"height_unit": None}, "give part.relief.height_unit"),
+        ({"pitch_um": None}, "give part.relief.pitch_um, a number or [along x, along y]"),
+    ],
+)
+def test_a_unit_or_pitch_that_neither_file_nor_station_gives_is_named(tmp_path, keys, why):
+    np.save(tmp_path / "x.npy", np.zeros((10, 20)))
+    assert why in rejected(plain_station(tmp_path, "x.npy", **keys))
+
+
+@pytest.mark.parametrize(
+    ("keys", "why"),
+    [
+        ({"height_unit": "um"}, 'part.relief.height_unit = "um" another than its "mm"'),
+        ({"pitch_um": 5.0}, "states a pitch of 4 x 4 um itself, and part.relief.pitch_um another"),
+    ],
+)
+def test_units_that_contradict_those_of_the_file_are_refused(folder, keys, why):
+    assert why in rejected(relief_station(folder, **keys))
+
+
+def test_units_that_repeat_those_of_the_file_are_taken(folder):
+    read_maps(relief_station(folder, height_unit="mm", pitch_um=4.0))
+
+
+@pytest.mark.parametrize(
+    ("values", "why"),
+    [
+        (np.zeros((4, 20, 20)), "holds 4 x 20 x 20 values of type float64, not one matrix"),
+        (np.zeros((20, 20), complex), "of type complex128, not one matrix"),
+        (np.zeros(20), "holds 20 values"),
+        (np.zeros((20, 3)), "has 3 x 20 points"),
+        (np.full((20, 20), np.inf), "holds infinite heights"),
+        (np.full((20, 20), np.nan), "misses all of its points"),
+        (np.array([["a"] * 20] * 20), "of type <U1, not one matrix"),
+        (np.array([[{}] * 20] * 20), "cannot be read"),
+    ],
+)
+def test_arrays_that_are_no_map_of_heights_are_refused(tmp_path, values, why):
+    np.save(tmp_path / "x.npy", values)
+    assert why in rejected(plain_station(tmp_path, "x.npy"))
+
+
+@pytest.mark.parametrize("name", ["x.npy", "x.tif", "x.txt"])
+def test_a_damaged_matrix_is_refused_in_a_sentence(tmp_path, name, capfd):
+    for content in (b"", b"\x93NUMPY\x01\x00", b"II*\0\x08\0\0\0", bytes(range(256)), b"1 2\n3"):
+        (tmp_path / name).write_bytes(content)
+        rejected(plain_station(tmp_path, name))
+    assert capfd.readouterr() == ("", "")
+
+
+# --------------------------------------------------------------- what was done to a map is told
+
+
+def test_a_part_takes_the_size_of_its_map_where_it_states_none(folder):
+    data = relief_station(folder).as_dict()
+    for given, size in (
+        ({}, (0.48, 0.4)),
+        ({"length_mm": 0.3}, (0.3, 0.4)),
+        ({"width_mm": 0.2}, (0.48, 0.2)),
+    ):
+        part = {"relief": {"file": "x.sur"}, **given}
+        station = Station.from_dict({**data, "part": part}, "demo.toml", folder)
+        np.testing.assert_allclose((station.part.length_mm, station.part.width_mm), size, rtol=1e-6)
+        (m,) = read_maps(station)
+        assert m.name == "part.relief"
+        again = Station.parse(to_toml(station), "again.toml", folder)
+        assert again.part == station.part  # written as resolved
+
+
+def test_another_map_gives_the_part_another_size_and_none_leaves_it(folder):
+    write_sur(folder / "y.sur", np.zeros((50, 60)))
+    data = relief_station(folder).as_dict()
+    part = {"relief": {"file": "nowhere.sur"}}
+    station = Station.from_dict({**data, "part": part}, "demo.toml", folder)
+    assert "is not there" in rejected(station)
+    for file, length in (("x.sur", 0.48), ("y.sur", 0.24)):
+        station = station.replace(part__relief__file=file)
+        assert station.part.length_mm == pytest.approx(length)
+    assert station.replace(part__relief=None).part.length_mm == pytest.approx(0.24)
+    fixed = station.replace(part__length_mm=0.2)
+    assert fixed.replace(part__relief__file="x.sur").part.length_mm == 0.2
+    assert fixed.replace(part__length_mm=None).part.length_mm == pytest.approx(0.24)
+
+
+def test_a_map_larger_than_the_part_is_cropped_with_a_word(folder):
+    (m,) = read_maps(relief_station(folder, (0.24, 0.4)))
+    (told,) = (r for r in m.remarks if "left out" in r)
+    assert told.startswith("part.relief: 50 % of its map, 0.48 x 0.4 mm, lie beyond the part")
+    (whole,) = read_maps(relief_station(folder))
+    assert not any("left out" in r for r in whole.remarks)
+
+
+def test_a_patch_beyond_the_edge_is_cropped_with_a_word(folder):
+    (m,) = read_maps(patch_station(folder, x_mm=1.0))
+    assert any(r.startswith("defects[2]: 50 % of its map") for r in m.remarks)
+    (m,) = read_maps(patch_station(folder))
+    assert not any("left out" in r for r in m.remarks)
+
+
+def test_missing_points_are_told_with_their_share_and_place(folder):
+    heights, missing = polished()
+    missing[20:64, 10:70] = True
+    write_sur(folder / "x.sur", heights, missing=missing)
+    (m,) = read_maps(relief_station(folder))
+    assert m.remarks == (
+        "part.relief: 22 % of the map's points (2,641) are missing; they were filled smoothly from "
+        "those around them and count as flawless (the largest hole, 0.24 x 0.176 mm, at "
+        "x = -0.08, y = 0.032 mm).",
+    )
+
+
+def test_a_map_without_faults_is_passed_over_in_silence(folder):
+    write_sur(folder / "x.sur", polished()[0])
+    assert read_maps(relief_station(folder))[0].remarks == ()
+
+
+def test_filling_needs_no_other_package_and_is_harmonic(tmp_path):
+    x, y = grid(40, 30)
+    saddle = 1e-3 * x * y + 2e-3 * (x * x - y * y) + 1e-3 * x
+    defined = np.ones(saddle.shape, bool)
+    defined[5:20, 8:25] = defined[28, 3] = False
+    np.testing.assert_allclose(filled(saddle * defined, defined), saddle, atol=1e-15)
+    defined[:, 30:] = False  # up to the edge
+    found = filled(saddle * defined, defined)
+    assert np.isfinite(found).all()
+    np.testing.assert_array_equal(found[defined], saddle[defined])
+
+
+@pytest.mark.parametrize("times", [1000.0, 1e6])
+def test_a_map_in_another_unit_than_its_file_says_is_refused(folder, times):
+    heights, _ = polished()
+    write_sur(folder / "x.sur", heights * times, pitch_mm=(0.004 * times,) * 2, step_mm=1e-5)
+    told = rejected(relief_station(folder))
+    assert "covers fewer than 4 of its points; check the unit of the map's pitch" in told
+
+
+def test_a_size_that_the_map_gives_is_named_where_it_makes_the_station_impossible(folder):
+    write_sur(folder / "x.sur", polished()[0], pitch_mm=(4.0, 4.0))
+    with pytest.raises(StationError) as caught:
+        plain_station(folder, "x.sur", height_unit=None, pitch_um=None)
+    assert "makes an image of 120000 x 100000 pixels" in str(caught.value)
+    assert "part.relief gives the part length_mm = 480 and width_mm = 400" in str(caught.value)
+
+
+def test_points_many_pixels_apart_are_told(folder):
+    station = relief_station(folder).replace(camera__sampling_mm=0.0004)
+    assert "10 pixels apart, 0.004 mm" in " ".join(read_maps(station)[0].remarks)
+
+
+def test_a_map_smaller_than_a_pixel_is_told(folder):
+    (m,) = read_maps(patch_station(folder, sampling=0.5))
+    assert any("is smaller than a pixel" in remark for remark in m.remarks)
+
+
+def spiked(folder, *points, height_mm=0.25):
+    heights, _ = polished()
+    for row, column in points:
+        heights[row, column] += height_mm
+    write_sur(folder / "x.sur", heights)
+    return relief_station(folder, form_removed="plane")
+
+
+def test_a_spike_that_makes_a_map_no_mirror_is_named_with_the_way_out(folder):
+    station = spiked(folder, (30, 100), height_mm=2.0)
+    told = rejected(station)
+    assert "one point stands far out of the surroundings, by 2000 um in line 31" in told
+    assert "column 101 of the map, at x = 0.162 mm, y = 0.078 mm" in told
+    assert "part.relief.outlier_um = 4 leaves out" in told
+    (m,) = read_maps(station.replace(part__relief__outlier_um=4.0))
+    write_sur(folder / "x.sur", polished()[0])
+    (clean,) = read_maps(relief_station(folder))
+    np.testing.assert_allclose(m.relief_mm, clean.relief_mm, atol=2e-6)
+    assert m.remarks == (
+        "part.relief: 1 of the map's points stands more than outlier_um = 4 um out of its "
+        "surroundings and was left out: by 2000 um in line 31, column 101 of the map, at "
+        "x = 0.162 mm, y = 0.078 mm.",
+    )
+
+
+def test_outliers_are_left_out_of_the_form_and_of_the_zones(folder):
+    station = spiked(folder, (30, 100), (31, 100), (0, 0), (99, 5))
+    station = station.replace(part__relief__zone_height_um=0.3)
+    (m,) = read_maps(station.replace(part__relief__outlier_um=10.0))
+    write_sur(folder / "x.sur", polished()[0])
+    (clean,) = read_maps(relief_station(folder, zone_height_um=0.3))
+    np.testing.assert_array_equal(m.zone, clean.zone)
+    assert "4 of the map's points stand more than" in m.remarks[0]
+
+
+def test_pits_and_polish_are_no_outliers(folder):
+    write_sur(folder / "x.sur", polished()[0])
+    (m,) = read_maps(relief_station(folder, outlier_um=1.2))
+    assert m.remarks == ()
+
+
+def test_a_limit_that_leaves_nothing_is_refused(folder):
+    rough = np.random.default_rng(0).normal(0, 1e-5, (100, 120))
+    write_sur(folder / "x.sur", polished()[0] + rough)
+    assert "give a larger one" in rejected(relief_station(folder, outlier_um=1e-4))
+
+
+def test_a_rough_map_is_not_blamed_on_a_point(folder):
+    write_sur(folder / "x.sur", np.random.default_rng(0).normal(size=(40, 40)))
+    assert "check the units of its heights and pitch" in rejected(patch_station(folder))
+
+
+def test_what_was_done_to_a_map_stands_beside_the_score(folder, opencl):
+    result = simulate(relief_station(folder, zone_height_um=0.3), opencl)
+    assert any(warning.startswith("part.relief: ") for warning in result.warnings)
+
+
+def test_the_made_surface_is_read_without_a_file(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "SurfaceTopography", None)
+    data = {"part": {"relief": {"file": "polished", "form_removed": "curvature"}}}
+    station = Station.from_dict(data, "demo.toml", tmp_path)
+    assert (station.part.length_mm, station.part.width_mm) == (1.96, 1.68)
+    (m,) = read_maps(station)
+    slopes = np.gradient(m.relief_mm, 0.0035)
+    assert 0.001 < np.sqrt(sum(np.mean(s**2) for s in slopes)) < 0.005
+    assert m.remarks == ()
+    np.save(tmp_path / "polished", np.zeros((4, 4)))
+    (tmp_path / "polished.npy").rename(tmp_path / "polished")
+    assert "polished" in rejected(station)  # a file of that name comes first
