@@ -180,7 +180,7 @@ def init(
         raise OutputError(f"{path} is a folder; name a file in it, e.g. {path / 'station.toml'}.")
     if not path.suffix:
         path = path.with_suffix(".toml")
-    write_new(path, to_toml(example(name)), force=force)
+    write_new(path, to_toml(example(name), sized=False), force=force)
     print(f"{path} written; simulate it with: gpuspec simulate {path}")
 
 

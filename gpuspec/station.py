@@ -9,11 +9,12 @@ from __future__ import annotations
 import math
 import re
 import tomllib
+from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, PrivateAttr, ValidationError, model_validator
+from pydantic import Field, PrivateAttr, ValidationError, field_validator, model_validator
 
 from gpuspec.defects import (
     MICRO,
@@ -29,7 +30,7 @@ from gpuspec.defects import (
     Topography,
 )
 from gpuspec.errors import StationError, TopographyError
-from gpuspec.validation import explain
+from gpuspec.validation import choices, explain
 
 
 class Part(Section):
@@ -181,6 +182,14 @@ class ClassRule(Section):
         return self
 
 
+def _leaves(table: dict[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in table.items():
+        if isinstance(value, dict) and value:
+            yield from _leaves(value, f"{path}{key}.")
+        else:
+            yield path + key, value
+
+
 class Sweep(Section):
     """What `gpuspec sweep` varies; every other command leaves it alone."""
 
@@ -189,12 +198,27 @@ class Sweep(Section):
     )
     vary: dict[str, str | float | list[float]] = Field(
         {},
-        description='key = "FROM:TO:COUNT" or a list of values, the key in quotes: '
-        '"tunnel.luminous_mm" = "1:12:23"',
+        description='key = "FROM:TO:COUNT" or a list of values, e.g. '
+        '"tunnel.luminous_mm" = "1:12:23"; a key with [1] in it in quotes',
     )
+
+    @field_validator("vary", mode="before")
+    @classmethod
+    def _dotted(cls, vary: Any) -> Any:
+        """Take keys without quotes, of which TOML makes tables in tables."""
+        if not isinstance(vary, dict):
+            return vary
+        flat: dict[str, Any] = {}
+        for key, values in _leaves(vary):
+            if key in flat:
+                raise ValueError(f"{key} stands twice, with and without quotes; vary it once")
+            flat[key] = values
+        return flat
 
 
 _SIDES = ("length_mm", "width_mm")  # of the part
+_PATH_MAX = 200  # letters; no key of a station needs as many
+_BARE_ENTRY = re.compile(r"^\s*[a-z]+\[\d+\][.\w]*\s*=", re.MULTILINE)
 _PLACE = re.compile(r"([^\[\]]+)((?:\[\d{1,6}\])*)")
 
 
@@ -240,7 +264,7 @@ def _merged(section: Any, old: Any, new: Any) -> Any:
         return new
     if not isinstance(old, dict) or not isinstance(new, dict):
         return new
-    if "kind" in new and new["kind"] != old.get("kind"):
+    if "kind" in new and new["kind"] not in choices(type(section), ["kind"]):
         return new
     merged = dict(old)
     for key, value in new.items():
@@ -353,7 +377,9 @@ class Station(Section):
         try:
             data = tomllib.loads(text)
         except (ValueError, RecursionError) as error:  # ValueError: a number too long, too
-            raise StationError(f"{file}: not a valid TOML file: {error}.") from None
+            way = '; a key with [1] in it needs quotes: "defects[1].depth_um"'
+            hint = way if _BARE_ENTRY.search(text) else ""
+            raise StationError(f"{file}: not a valid TOML file: {error}{hint}.") from None
         return cls.from_dict(data, file, folder)
 
     @classmethod
@@ -391,7 +417,7 @@ class Station(Section):
 
         Entries of lists count from 1: ``{"defects[2].depth_um": 3.0}``. A dictionary changes the
         keys it names and leaves the others of its section: ``{"tunnel": {"dark_mm": 8.0}}``; only a
-        defect of another kind takes the place of the old one whole. None unsets a key.
+        defect with other keys takes the place of the old one whole. None unsets a key.
 
         Keyword names use ``__`` for the dot: ``replace(tunnel__dark_mm=8.0)``.
 
@@ -401,11 +427,12 @@ class Station(Section):
             If the changed station is invalid.
         """
         data = self.as_dict()
-        given = self.part.model_fields_set if self.part.relief else _SIDES
-        sides = {side: data["part"].pop(side) for side in _SIDES if side not in given}
+        sides = {side: data["part"].pop(side) for side in self.sides_of_map}
         for name, value in plain(changes).items():
             path = name.replace("__", ".")
             *sections, key = places(path)
+            if len(path) > _PATH_MAX:
+                raise StationError(f"{self._file}: {path[:50]}... is not a known key.")
             target: Any = data
             for place in sections:
                 target = self._inside(target, place, path)
@@ -461,16 +488,28 @@ class Station(Section):
         return self._folder / file
 
     @property
+    def sides_of_map(self) -> tuple[str, ...]:
+        """Keys of the part's size that the map of its relief decides, for none was given."""
+        given = self.part.model_fields_set if self.part.relief else _SIDES
+        return tuple(side for side in _SIDES if side not in given)
+
+    @property
     def file(self) -> str:
         """Name of the file it was read from, for messages."""
         return self._file
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Files named in it, as they are named, each once: topographies and their zones."""
+        """Files named in it, as they are named, each once: topographies and their zones.
+
+        A surface that is made is none.
+        """
+        from gpuspec.surfaces import is_made
+
         named = (self.part.relief, *self.defects)
         names = (getattr(one, key, None) for one in named for key in ("file", "zone_file"))
-        return tuple(sorted({name for name in names if name}))
+        given = {name for name in names if name}
+        return tuple(sorted(name for name in given if not is_made(name, self.locate(name))))
 
     @property
     def inputs(self) -> tuple[Path, ...]:

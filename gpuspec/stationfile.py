@@ -18,7 +18,9 @@ from gpuspec.errors import StationError
 from gpuspec.station import Station
 
 
-def to_toml(station: Station, *, comments: bool = True, absolute: bool = False) -> str:
+def to_toml(
+    station: Station, *, comments: bool = True, absolute: bool = False, sized: bool = True
+) -> str:
     """Return the station as TOML: every key with its value, keys that are none as comments.
 
     Parameters
@@ -28,6 +30,9 @@ def to_toml(station: Station, *, comments: bool = True, absolute: bool = False) 
         Whether each key is followed by what it means.
     absolute : bool
         Whether files named in the station get absolute paths, to be found from anywhere.
+    sized : bool
+        Whether a size that the part has from the map of its relief is written; else the file leaves
+        it to the map, and another map gives another.
 
     Returns
     -------
@@ -41,7 +46,8 @@ def to_toml(station: Station, *, comments: bool = True, absolute: bool = False) 
     for name in type(station).model_fields:
         value = getattr(station, name)
         if isinstance(value, BaseModel):
-            document.add(name, _table(value, comments))
+            left = () if sized or name != "part" else station.sides_of_map
+            document.add(name, _table(value, comments, left))
         elif value:
             array = tomlkit.aot()
             told: set[str] = set()
@@ -53,7 +59,7 @@ def to_toml(station: Station, *, comments: bool = True, absolute: bool = False) 
     return tomlkit.dumps(document).replace("\n\n\n", "\n\n")
 
 
-def _table(section: BaseModel, comments: bool) -> Table:
+def _table(section: BaseModel, comments: bool, left: tuple[str, ...] = ()) -> Table:
     table = tomlkit.table()
     nested: list[tuple[str, BaseModel]] = []
     fields = type(section).model_fields
@@ -62,6 +68,10 @@ def _table(section: BaseModel, comments: bool) -> Table:
         meaning = field.description or ""
         if isinstance(value, BaseModel) and not isinstance(value, Distribution):
             nested.append((name, value))
+        elif name in left:
+            table.add(
+                tomlkit.comment(f"{name} = {value:g}  # {meaning}; not given: the map's size")
+            )
         elif value is None:
             if comments and not _is_table(field.annotation):
                 table.add(tomlkit.comment(f"{name} = (none)  # {meaning}"))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,11 @@ class Surface:
 
     heights_mm: NDArray[np.float64]
     pitch_mm: float
+
+
+def is_made(name: str, path: Path) -> bool:
+    """Whether a file named in a station, to be found at `path`, is a surface that is made."""
+    return name in SURFACES and not path.is_file()
 
 
 @cache

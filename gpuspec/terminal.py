@@ -61,23 +61,57 @@ P1_FLOOR_HELP, P2_FLOOR_HELP = (f"Least {name}; {words.BEST}." for name in (word
 
 
 def changed(station: Station, changes: list[str] | None) -> Station:
-    """Apply KEY=VALUE changes; values are TOML."""
+    """Apply KEY=VALUE changes; values are TOML, text without quotes, or none to unset a key.
+
+    Raises
+    ------
+    StationError
+        If one has another form, a key stands twice, or the changed station is invalid.
+    """
+    from gpuspec.errors import StationError
+    from gpuspec.station import Station, places
+    from gpuspec.validation import choices
+
+    values: dict[str, Any] = {}
+    for change in changes or ():
+        key, equals, text = (part.strip() for part in change.partition("="))
+        if not equals:
+            raise StationError(
+                f"--set {_short(change)}: write it as KEY=VALUE, e.g. tunnel.dark_mm=8."
+            )
+        if not text:
+            raise StationError(
+                f"--set {_short(key)}= has no value; KEY=none unsets a key, KEY='\"\"' is an empty "
+                f"text."
+            )
+        if any(places(key) == places(other) for other in values):
+            raise StationError(f"--set {_short(key)} stands twice; set each key once.")
+        if text == "none" and text not in choices(Station, places(key)):
+            values[key] = None
+        else:
+            values[key] = _value(key, text)
+    return station.replace(**values) if values else station
+
+
+def _value(key: str, text: str) -> Any:
+    """Return a TOML value, or the text itself where it is none."""
     import tomllib
 
     from gpuspec.errors import StationError
 
-    values: dict[str, Any] = {}
-    for change in changes or ():
-        key, equals, value = change.partition("=")
-        if not equals:
-            raise StationError(f"--set {change}: write it as KEY=VALUE, e.g. tunnel.dark_mm=8.")
-        try:
-            values[key.strip()] = tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
-            values[key.strip()] = value.strip()
-        except RecursionError:
-            raise StationError(f"--set {key}: the value is nested too deeply.") from None
-    return station.replace(**values) if values else station
+    try:
+        table = tomllib.loads(f"value = {text}")
+    except tomllib.TOMLDecodeError:
+        return text
+    except ValueError:  # Python reads no integer of more than 4,300 digits
+        raise StationError(f"--set {_short(key)}: the number is too long.") from None
+    except RecursionError:
+        raise StationError(f"--set {_short(key)}: the value is nested too deeply.") from None
+    return table["value"] if len(table) == 1 else text
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def print_notes(notes: Iterable[str]) -> None:

@@ -310,8 +310,9 @@ def _remarks(
         wide, high = (xs.stop - xs.start) * pitch[0], (ys.stop - ys.start) * pitch[1]
         said.append(
             f"{key}: {_percent(missing.mean())} of the map's points "
-            f"({np.count_nonzero(missing):,}) are missing; they were filled smoothly from those around them and count as flawless "
-            f"(the largest hole, {wide:.3g} x {high:.3g} mm, at x = {x:.4g}, y = {y:.4g} mm)."
+            f"({np.count_nonzero(missing):,}) are missing; they were filled smoothly from "
+            f"those around them and count as flawless (the largest "
+            f"hole, {wide:.3g} x {high:.3g} mm, at x = {x:.4g}, y = {y:.4g} mm)."
         )
     part = station.part.length_mm, station.part.width_mm
     taken = 1.0

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from gpuspec.defects import MICRO, Topography
 from gpuspec.errors import TopographyError
-from gpuspec.surfaces import SURFACES, surface
+from gpuspec.surfaces import is_made, surface
 
 INSTALL = 'pip install "gpuspec[topography]"'
 POINTS_MAX = 100_000_000  # of all maps: 0.4 GB on the device, some 5 GB here while they are read
@@ -184,10 +184,10 @@ def _pitch(topography: Topography, grid: _Grid, says: str, key: str) -> tuple[fl
 
 def _grid(topography: Topography, path: Path, says: str, points: int) -> _Grid:
     """Read a file by the first reader that knows it."""
+    if is_made(topography.file, path):
+        made = surface(topography.file)
+        return _Grid(made.heights_mm, "mm", (made.pitch_mm, made.pitch_mm))
     if not path.is_file():
-        if topography.file in SURFACES:
-            made = surface(topography.file)
-            return _Grid(made.heights_mm, "mm", (made.pitch_mm, made.pitch_mm))
         raise TopographyError(f"{says} is not there; looked for {path}.")
     kind = path.suffix.lower()
     with silence():

@@ -5,7 +5,8 @@ from __future__ import annotations
 import difflib
 import json
 import re
-from typing import Any, get_args
+from collections.abc import Sequence
+from typing import Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
@@ -21,6 +22,7 @@ _ALLOWED = {
     "int_from_float": "must be a whole number",
     "bool_type": "must be true or false",
     "string_type": "must be a text in quotes",
+    "string_unicode": "must be text that can be written as UTF-8",
     "string_too_short": "must not be empty",
     "string_too_long": "must have at most {max_length} characters",
     "too_short": "must have at least {min_length} entries",
@@ -81,6 +83,30 @@ def explain(error: ValidationError, model: type[BaseModel], file: str) -> list[s
             text = f"{sentences[head].rstrip('.')}, or {allowed}." if allowed else text
         sentences[text if key == "" else head] = text
     return list(sentences.values())
+
+
+def choices(model: type[BaseModel], place: Sequence[int | str]) -> set[Any]:
+    """Return the values of which a key takes one; empty: others, or there is no such key.
+
+    Parameters
+    ----------
+    model : type of BaseModel
+        In which the key is looked up.
+    place : sequence of str and int
+        Its path, entries of lists by their index.
+    """
+    found: list[Any] = [model]
+    for step in place:
+        if isinstance(step, str):
+            fields = [m.model_fields for annotation in found for m in _models(annotation)]
+            found = [known[step].annotation for known in fields if step in known]
+    return {choice for annotation in found for choice in _literals(annotation)}
+
+
+def _literals(annotation: Any) -> list[Any]:
+    if get_origin(annotation) is Literal:
+        return list(get_args(annotation))
+    return [choice for argument in get_args(annotation) for choice in _literals(argument)]
 
 
 def _is_branch(part: int | str) -> bool:

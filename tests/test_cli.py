@@ -22,7 +22,8 @@ from gpuspec import cli, files, inspection, opencl, sources
 from gpuspec.devices import BACKENDS, open_backend
 from gpuspec.report import FILES
 from gpuspec.station import Station
-from gpuspec.stationfile import examples
+from gpuspec.stationfile import example, examples
+from gpuspec.terminal import changed
 from gpuspec.words import BEST, SCORES
 
 COMMANDS = (
@@ -222,6 +223,68 @@ def test_set_changes_a_key(gpuspec_):
     assert station.defects == ()
     with tifffile.TiffFile("run/frames.tif") as file:
         assert len(file.pages) == 7
+
+
+def test_a_table_set_merges_into_its_section_and_none_unsets_a_key(gpuspec_):
+    Path("s.toml").write_text(STATION + "[tunnel]\nluminous_mm = 3\ndark_mm = 5\n", "utf-8")
+    ran = gpuspec_(
+        "simulate", "s.toml", "--no-pictures", "--set", "tunnel={height_mm=120}",
+        "--set", "tunnel.dark_mm=none", "--set", "camera.vignetting=none",
+        "--set", 'defects[1]={kind="bump"}',
+    )  # fmt: skip
+    assert ran.code == 0
+    station = Station.read("run/station.toml")
+    assert (station.tunnel.height_mm, station.tunnel.luminous_mm) == (120, 3)
+    assert station.tunnel.dark_mm == Station().tunnel.dark_mm
+    assert station.defects[0].kind == "bump"
+
+
+def test_none_is_a_choice_of_some_keys_and_unsets_the_others():
+    station = example("measured")
+    assert changed(station, ["part.relief.form_removed=none"]).part.relief.form_removed == "none"
+    assert changed(station, ["part.relief.zone_height_um=none"]).part.relief.zone_height_um is None
+    assert changed(station, ["part.relief=none"]).part.relief is None
+    assert changed(station, ["part.length_mm=1"]).part.length_mm == 1
+    assert changed(station, ['part.relief={form_removed="plane"}']).part.relief.file == "polished"
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ("sequence.images=" + "9" * 5000, "--set sequence.images: the number is too long."),
+        ("tunnel.dark_mm=", "KEY=none unsets a key"),
+        ("a" * 5000, "..: write it as KEY=VALUE"),
+        ("sensor.exposure=1e999", "must be a finite number"),
+        ("part.relief=" + "{a=" * 90 + "1" + "}" * 90, "part.relief.a is not a known key"),
+        ("part.relief=" + "{a=" * 900 + "1" + "}" * 900, "nested too deeply"),
+        ("tunnel.dark_mm=3\nx=4", "must be a number"),
+        ("defects[1]=none", "cannot be unset alone"),
+        ("defects[1].depth_um=none", "depth_um is missing"),
+        ("defects[2]={depth_um=5}", "no such entry"),
+        ("part.material=\udcff", "must be text that can be written as UTF-8"),
+    ],
+)
+def test_a_change_that_cannot_be_made_is_answered_in_a_sentence(gpuspec_, change, why):
+    told = said(gpuspec_("simulate", "s.toml", "--set", change))
+    assert why in told
+    assert len(told) < 400
+
+
+def test_a_key_is_set_once(gpuspec_):
+    told = said(gpuspec_("demo", "--set", "tunnel.dark_mm=3", "--set", "tunnel.dark_mm = 4"))
+    assert told == "--set tunnel.dark_mm stands twice; set each key once."
+
+
+@pytest.mark.parametrize("name", examples())
+def test_every_example_runs_as_it_is_and_as_init_writes_it(gpuspec_, name):
+    small = ["--no-pictures"] + ["--set", "camera.sampling_mm=0.5"] * (name == "trim")
+    ran = gpuspec_("demo", name, *small)
+    assert ran.code == 0
+    assert gpuspec_("init", "mine.toml", "--example", name).code == 0
+    assert gpuspec_("simulate", "mine.toml", "-o", "again", *small).code == 0
+    scores = [json.loads(Path(f"{run}/score.json").read_text("utf-8")) for run in ("demo", "again")]
+    assert scores[0]["p2"] == scores[1]["p2"] > 0.5
+    assert gpuspec_("simulate", "demo/station.toml", "-o", "third", *small).code == 0
 
 
 @pytest.mark.parametrize("backend", BACKENDS)

@@ -762,3 +762,85 @@ def test_the_tunnels_top_and_period_and_the_sensors_gain():
     sensor = Station().replace(sensor__bit_depth=12, sensor__black_level_dn=95.0).sensor
     assert sensor.full_scale_dn == 4095
     assert sensor.gain_dn_per_e == 0.4
+
+
+# ------------------------------------------------------------------------------------ changes
+
+
+def test_a_table_changes_the_keys_it_names_and_leaves_the_others():
+    station = Station.parse(DENT).replace(tunnel__luminous_mm=2.0)
+    changed = station.replace(tunnel={"height_mm": 5.0})
+    assert (changed.tunnel.height_mm, changed.tunnel.luminous_mm) == (5.0, 2.0)
+    changed = station.replace(**{"defects[1]": {"depth_um": 7.0}})
+    assert changed.defects[0] == station.defects[0].model_copy(update={"depth_um": 7.0})
+    assert station.replace(tunnel=None).tunnel == Station().tunnel
+    assert station.replace(tunnel={"luminous_mm": None}).tunnel == Station().tunnel
+
+
+def test_an_entry_of_another_kind_replaces_the_old_one_and_a_bump_is_a_dent_upwards():
+    station = Station.parse(DENT)
+    bump = station.replace(**{"defects[1]": {"kind": "bump"}}).defects[0]
+    assert (bump.kind, bump.x_mm, bump.depth_um) == ("bump", 1, 5)
+    scratch = {"kind": "scratch", "points_mm": [[0, 0], [1, 1]], "width_mm": 1.0, "depth_um": 2.0}
+    assert station.replace(**{"defects[1]": scratch}).defects[0].kind == "scratch"
+
+
+def test_a_distribution_and_a_list_are_values_and_replaced_whole():
+    station = Station.parse(DENTS + "{ median = 1, spread = 2, low = 0.5, high = 1.5 }")
+    changed = station.replace(**{"populations[1].diameter_mm": {"low": 1.0, "high": 2.0}})
+    assert changed.populations[0].diameter_mm.median is None
+    changed = station.replace(**{"populations[1]": {"diameter_mm": {"median": 2.0, "spread": 1.1}}})
+    assert changed.populations[0].diameter_mm.high > 2
+    swept = station.replace(sweep={"vary": {"tunnel.dark_mm": [1, 2]}})
+    swept = swept.replace(sweep__vary={"tunnel.luminous_mm": [1, 2]})
+    assert set(swept.sweep.vary) == {"tunnel.luminous_mm"}
+
+
+def test_an_entry_of_a_list_is_not_unset_alone():
+    with pytest.raises(StationError, match=r"give the whole list, e\.g\. defects = \[\]\."):
+        Station.parse(DENT).replace(**{"defects[1]": None})
+
+
+@pytest.mark.parametrize("key", ["a." * 5000 + "b", "defects" + "[1]" * 5000, "x" * 5000])
+def test_an_endless_key_is_answered_in_a_line(key):
+    with pytest.raises(StationError) as caught:
+        Station.parse(DENT).replace(**{key: 1})
+    assert "is not a known key" in str(caught.value)
+    assert len(str(caught.value)) < 200
+
+
+def test_keys_to_vary_need_no_quotes():
+    written = """
+    [sweep.vary]
+    tunnel.luminous_mm = "1:12:23"
+    tunnel.dark_mm = [1, 2]
+    "sensor.exposure" = 2
+    "populations[1]".seed = "1,2"
+    """
+    quoted = {
+        "tunnel.luminous_mm": "1:12:23", "tunnel.dark_mm": [1.0, 2.0], "sensor.exposure": 2.0,
+        "populations[1].seed": "1,2",
+    }  # fmt: skip
+    station = Station.parse(DENTS + "1\n" + written)
+    assert station.sweep.vary == quoted
+    assert Station.parse(to_toml(station)) == station
+
+
+def test_a_key_to_vary_stands_once_with_quotes_or_without():
+    text = '[sweep.vary]\ntunnel.dark_mm = "1"\n"tunnel.dark_mm" = "2"'
+    (told,) = sentences(text)
+    assert "tunnel.dark_mm stands twice, with and without quotes; vary it once." in told
+
+
+def test_an_entry_to_vary_without_quotes_is_told_to_need_them():
+    (told,) = sentences('[sweep.vary]\ndefects[1].depth_um = "1:2:3"')
+    assert told.endswith('a key with [1] in it needs quotes: "defects[1].depth_um".')
+
+
+def test_a_size_left_to_the_map_is_written_as_such_for_a_file_to_start_from():
+    station = example("measured")
+    assert station.sides_of_map == ("length_mm", "width_mm")
+    start = Station.parse(to_toml(station, sized=False))
+    assert start.as_dict() == station.as_dict()
+    assert start.sides_of_map == ("length_mm", "width_mm")
+    assert Station.parse(to_toml(station)).sides_of_map == ()
