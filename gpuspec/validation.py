@@ -132,7 +132,8 @@ def _short(value: Any) -> str:
         if isinstance(value, bool):
             text = str(value).lower()
         elif isinstance(value, str):
-            text = json.dumps(value, ensure_ascii=False)
+            writable = value.encode("utf-8", "backslashreplace").decode("utf-8")
+            text = json.dumps(writable, ensure_ascii=False)
         elif isinstance(value, (list, tuple)):
             text = f"[{', '.join(map(_short, value[:20]))}{', ...' if len(value) > 20 else ''}]"
         else:

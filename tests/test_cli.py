@@ -282,8 +282,9 @@ def test_every_example_runs_as_it_is_and_as_init_writes_it(gpuspec_, name):
     assert ran.code == 0
     assert gpuspec_("init", "mine.toml", "--example", name).code == 0
     assert gpuspec_("simulate", "mine.toml", "-o", "again", *small).code == 0
-    scores = [json.loads(Path(f"{run}/score.json").read_text("utf-8")) for run in ("demo", "again")]
-    assert scores[0]["p2"] == scores[1]["p2"] > 0.5
+    files = [Path(folder) / "score.json" for folder in ("demo", "again")]
+    p2 = [json.loads(file.read_text("utf-8"))["score"]["p2"] for file in files]
+    assert p2[0] == p2[1] > 0.5
     assert gpuspec_("simulate", "demo/station.toml", "-o", "third", *small).code == 0
 
 

@@ -1,21 +1,25 @@
 /* Stripes warped to a crowned part, so that the camera sees them evenly spaced.
 
    A flat ceiling at H over a crown of curvature c, camera at h: the point x of the part sees
-   l(x) = x + H tan(atan(x/h) + 2 asin(c x)). Inverted by Newton's method, each stripe covers the same
-   length of the part; `period` is then on the part. */
-float light_of(float x) {
-    float c = g.part.z;
-    return x + g.tunnel.y * tan(atan(x / g.camera.x) + 2.0 * asin(clamp(c * x, -0.5, 0.5)));
-}
-
+   l(x) = x + H tan(atan(x/h) + 2 asin(c x)), written with tan(a + b) = (tan a + tan b) /
+   (1 - tan a tan b), for this runs for every ray and shift. Inverted by Newton's method, each stripe
+   covers the same length of the part; `period` is then on the part. */
 float pattern(float light, float across, float shift, float footprint) {
-    float x = light / (1.0 + g.tunnel.y / g.camera.x);
+    float c = g.part.z;
+    float h = g.camera.x;
+    float H = g.tunnel.y;
+    float x = light / (1.0 + H / h + 2.0 * c * H);
     float slope = 1.0;
-    for (int i = 0; i < 8; i++) {
-        slope = (light_of(x + 0.01) - light_of(x - 0.01)) / 0.02;
-        x -= (light_of(x) - light) / slope;
+    for (int i = 0; i < 4; i++) {
+        float s = clamp(c * x, -0.5, 0.5);
+        float cosine = sqrt(1.0 - s * s);
+        float turned = 2.0 * s * cosine / (1.0 - 2.0 * s * s);
+        float view = x / h;
+        float tangent = (view + turned) / (1.0 - view * turned);
+        slope = 1.0 + H * (1.0 + tangent * tangent) * (1.0 / (h * (1.0 + view * view)) + 2.0 * c / cosine);
+        x -= (x + H * tangent - light) / slope;
     }
-    float period = 1.0 / (d.stripes.y * (1.0 + g.tunnel.y / g.camera.x));
+    float period = 1.0 / (d.stripes.y * (1.0 + H / h));
     Trapezoid lit = lit_fraction(x / period, footprint / slope / period, d.stripes.x);
     return at_shift(lit, shift * d.stripes.y);
 }
