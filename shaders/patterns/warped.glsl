@@ -10,7 +10,7 @@ float pattern(float light, float across, float shift, float footprint) {
     float H = g.tunnel.y;
     float x = light / (1.0 + H / h + 2.0 * c * H);
     float slope = 1.0;
-    for (int i = 0; i < 4; i++) {
+    for (int i = 0; i < 3; i++) {
         float s = clamp(c * x, -0.5, 0.5);
         float cosine = sqrt(1.0 - s * s);
         float turned = 2.0 * s * cosine / (1.0 - 2.0 * s * s);
