@@ -13,6 +13,7 @@ import typer
 from gpuspec import __version__, words
 from gpuspec.devices_command import devices
 from gpuspec.errors import GpuspecError
+from gpuspec.keys_command import reference
 from gpuspec.studies import commands as studies
 from gpuspec.sweeps.commands import sweep
 from gpuspec.sweeps.front_command import front
@@ -163,6 +164,7 @@ app.command()(sweep)
 app.command()(front)
 app.command()(optimise)
 app.command()(devices)
+app.command()(reference)
 
 
 @app.command()

@@ -36,8 +36,12 @@ from gpuspec.validation import choices, explain
 class Part(Section):
     """The part: its outline, shape, relief and reflectance."""
 
-    length_mm: Length = Field(200.0, description="along x, the direction in which the light moves")
-    width_mm: Length = Field(50.0, description="along y")
+    length_mm: Length = Field(
+        200.0,
+        description="along x, the direction in which the light moves; "
+        "not given beside a relief: its map's",
+    )
+    width_mm: Length = Field(50.0, description="along y; not given beside a relief: its map's")
     crown_radius_x_mm: Annotated[float, Field(ge=-1e7, le=1e7)] | None = Field(
         None, description="radius of the crown along x, > 0 convex; none: flat"
     )

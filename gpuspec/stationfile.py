@@ -69,9 +69,7 @@ def _table(section: BaseModel, comments: bool, left: tuple[str, ...] = ()) -> Ta
         if isinstance(value, BaseModel) and not isinstance(value, Distribution):
             nested.append((name, value))
         elif name in left:
-            table.add(
-                tomlkit.comment(f"{name} = {value:g}  # {meaning}; not given: the map's size")
-            )
+            table.add(tomlkit.comment(f"{name} = {value:g}  # {meaning}"))
         elif value is None:
             if comments and not _is_table(field.annotation):
                 table.add(tomlkit.comment(f"{name} = (none)  # {meaning}"))

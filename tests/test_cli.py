@@ -35,6 +35,7 @@ COMMANDS = (
     "optimise",
     "init",
     "schema",
+    "reference",
     "devices",
 )
 GROUPS = ("study",)
