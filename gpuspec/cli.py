@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gpuspec import __version__, words
+from gpuspec import __version__, completion, words
 from gpuspec.devices_command import devices
 from gpuspec.errors import GpuspecError
 from gpuspec.keys_command import reference
@@ -46,7 +46,6 @@ app = typer.Typer(
     name="gpuspec",
     help="Design, test and optimise inspection stations for specular parts before building them.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # of a help text no word is markup: [sweep] is the file's table
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -73,7 +72,9 @@ def simulate(
 
 @app.command()
 def demo(
-    name: Annotated[str, typer.Argument(help="Which example.")] = "trim",
+    name: Annotated[
+        str, typer.Argument(help="Which example.", autocompletion=completion.examples)
+    ] = "trim",
     output: OutputOption = Path("demo"),
     backend: BackendOption = "auto",
     device: DeviceOption = None,
@@ -92,7 +93,12 @@ def demo(
 def prototype(
     station: StationArgument,
     pattern: Annotated[
-        str, typer.Option("--pattern", help="GLSL file, or the name of a shipped pattern.")
+        str,
+        typer.Option(
+            "--pattern",
+            help="GLSL file, or the name of a shipped pattern.",
+            autocompletion=completion.patterns,
+        ),
     ],
     output: Annotated[
         Path | None,
@@ -170,7 +176,12 @@ app.command()(reference)
 @app.command()
 def init(
     path: Annotated[Path, typer.Argument(help="Station file to write, e.g. my_station.toml.")],
-    name: Annotated[str, typer.Option("--example", help="Which example to start from.")] = "trim",
+    name: Annotated[
+        str,
+        typer.Option(
+            "--example", help="Which example to start from.", autocompletion=completion.examples
+        ),
+    ] = "trim",
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
 ) -> None:
     """Write a station file to start from, every key explained."""

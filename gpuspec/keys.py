@@ -50,6 +50,11 @@ class Key:
     meaning: str
 
     @property
+    def listed(self) -> bool:
+        """Whether it stands in the entries of a list: ``defects[1].depth_um``."""
+        return self.section.partition(":")[0] in _LISTS
+
+    @property
     def path(self) -> str:
         """The key's place in a station: ``tunnel.height_mm``, ``defects.depth_um``."""
         return f"{self.section.partition(':')[0]}.{self.name}"

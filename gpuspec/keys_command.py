@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gpuspec import completion
 from gpuspec.terminal import console
 
 if TYPE_CHECKING:
@@ -15,7 +16,12 @@ if TYPE_CHECKING:
 
 
 def reference(
-    key: Annotated[str, typer.Argument(help="A section or key, e.g. tunnel; none: all.")] = "",
+    key: Annotated[
+        str,
+        typer.Argument(
+            help="A section or key, e.g. tunnel; none: all.", autocompletion=completion.keys
+        ),
+    ] = "",
 ) -> None:
     """Print every key of the station file: unit, range, choices, default. Piped: Markdown."""
     from gpuspec.keys import keys, markdown

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 import typer
 
-from gpuspec import words
+from gpuspec import completion, words
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -27,7 +27,9 @@ StationArgument = Annotated[Path, typer.Argument(help="Station file (TOML).")]
 BackendOption = Annotated[
     str,
     typer.Option(
-        "--backend", help="auto, opencl, opengl, vulkan or numpy; a named one is never swapped."
+        "--backend",
+        help="auto, opencl, opengl, vulkan or numpy; a named one is never swapped.",
+        autocompletion=completion.backends,
     ),
 ]
 DeviceOption = Annotated[
@@ -54,7 +56,12 @@ FramesOption = Annotated[bool, typer.Option("--frames", help="Write every image 
 PicturesOption = Annotated[bool, typer.Option("--pictures/--no-pictures", help="Draw pictures.")]
 SetOption = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Change a key, e.g. tunnel.dark_mm=8."),
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change a key, e.g. tunnel.dark_mm=8; none unsets it.",
+        autocompletion=completion.changes,
+    ),
 ]
 GOAL_HELP = f"What is to be highest: p1, {words.P1}; p2, {words.P2}; or f1, of both."
 P1_FLOOR_HELP, P2_FLOOR_HELP = (f"Least {name}; {words.BEST}." for name in (words.P1, words.P2))
