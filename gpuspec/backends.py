@@ -18,6 +18,7 @@ from gpuspec.errors import BackendError, StationError
 from gpuspec.levels import LevelCounter, Levels, Sample, Zones, levels_of
 from gpuspec.patterns import Pattern
 from gpuspec.relief import Relief
+from gpuspec.shown import array, object_of
 from gpuspec.station import Station
 
 Image = NDArray[np.float32]
@@ -72,6 +73,11 @@ class LightMapArrays:
     irradiance: NDArray[Any]
     lost: NDArray[np.uint8]
 
+    def __repr__(self) -> str:
+        units = {"light_mm": "mm", "footprint_mm": "mm", "irradiance": "relative", "lost": "codes"}
+        parts = {name: array(getattr(self, name), unit) for name, unit in units.items()}
+        return object_of("LightMapArrays", "sub-rays, rows, columns", parts)
+
 
 class LightMap(ABC):
     """A traced station. Stripes, sequence and sensor may change without tracing again.
@@ -82,6 +88,22 @@ class LightMap(ABC):
 
     station: Station
     pattern: Pattern | None = None
+
+    def __repr__(self) -> str:
+        rows, columns = self.station.shape
+        rays = self.station.camera.subsampling**2
+        lit = f", lit by {self.pattern.file}" if self.pattern else ""
+        return (
+            f"{type(self).__name__}({self.station.file}: {columns} x {rows} pixels of {rays} "
+            f"sub-ray{'s' * (rays > 1)}{lit}; read() gives light_mm, footprint_mm, irradiance, "
+            f"image(k) and aspect() grey levels in DN)"
+        )
+
+    def _repr_png_(self) -> bytes:
+        """Show itself in a notebook: the aspect image it gives, black to full scale."""
+        from gpuspec.page import grey_png
+
+        return grey_png(self.aspect(), self.station.sensor.full_scale_dn)
 
     def with_pattern(self, pattern: Pattern) -> LightMap:
         """Return the light map lit by a user's pattern in place of the stripes.
@@ -250,6 +272,9 @@ class Backend(ABC):
     advice = (
         "Update its driver, or choose another --device or --backend; `gpuspec devices` lists them."
     )
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.info})"
 
     def candidates(self) -> Sequence[Settings]:
         """Return the settings with which the device may compute, the best first."""

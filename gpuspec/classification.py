@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from gpuspec.measures import Blobs
 from gpuspec.segmentation import LabelImage, check_label_image
+from gpuspec.shown import html_table
 
 __all__ = ["DEFAULT_RULES", "ClassRule", "Confusion", "classify", "confusion"]
 
@@ -120,6 +121,21 @@ class Confusion:
     rows: tuple[str, ...]
     columns: tuple[str, ...]
     counts: npt.NDArray[np.int64]
+
+    def __repr__(self) -> str:
+        said = []
+        for kind, counts in zip(self.rows, self.counts.tolist(), strict=True):
+            found = [f"{n} {c}" for n, c in zip(counts, self.columns, strict=True) if n]
+            said += [f"{kind}: {', '.join(found)}"] if found else []
+        return f"Confusion({'; '.join(said)})"
+
+    def _repr_html_(self) -> str:
+        """Show itself in a notebook: kinds down, classes across."""
+        rows = [
+            {"known \\ found": kind, **dict(zip(self.columns, counts, strict=True))}
+            for kind, counts in zip(self.rows, self.counts.tolist(), strict=True)
+        ]
+        return html_table(rows, len(rows))
 
 
 def confusion(

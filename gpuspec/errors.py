@@ -38,6 +38,22 @@ class PatternError(GpuspecError):
 class ExtraError(GpuspecError):
     """A package that only this command needs is not installed."""
 
+    @classmethod
+    def of(cls, error: ModuleNotFoundError, extra: str) -> ExtraError:
+        """Say which extra of gpuspec to install for a package that is missing.
+
+        Raises
+        ------
+        ModuleNotFoundError
+            The error itself, if what is missing is a file of gpuspec.
+        """
+        if (error.name or "").partition(".")[0] == "gpuspec":
+            raise error
+        return cls(
+            f'this needs {error.name}, which is not installed; pip install "gpuspec[{extra}]" '
+            f'(in a checkout: pip install ".[{extra}]").'
+        )
+
 
 class ClusterError(GpuspecError):
     """Other processes or machines that should do the work are not there, or fail."""

@@ -22,6 +22,7 @@ from gpuspec.placement import MANY, asked_for
 from gpuspec.relief import Relief
 from gpuspec.scoring import Score, score
 from gpuspec.segmentation import automatic_threshold, flawless_level, segment
+from gpuspec.shown import array, object_of
 from gpuspec.station import Station
 from gpuspec.truth import KnownDefect, Truth
 
@@ -56,6 +57,12 @@ class Inspection:
     labels: NDArray[np.int32]
     blobs: Blobs
     classes: NDArray[np.str_]
+
+    def __repr__(self) -> str:
+        return (
+            f"Inspection({len(self.blobs)} blobs above {self.threshold:.1f} DN, flawless "
+            f"{self.flawless_dn:.1f} DN; labels {array(self.labels)})"
+        )
 
 
 @dataclass(frozen=True)
@@ -96,6 +103,19 @@ class Result:
     light_map: LightMap = field(repr=False, compare=False)
     relief: Relief = field(repr=False, compare=False)
     warnings: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        parts = {
+            "score": str(self.score),
+            "aspect": array(self.aspect, "grey levels in DN"),
+            "labels": array(self.labels, f"{len(self.blobs)} blobs above {self.threshold:.1f} DN"),
+            "truth": array(self.truth, f"zones of {len(self.defects)} defects"),
+            "lost": array(self.lost, "why a pixel sees no light"),
+            "light_map": "on the device; image(k), fuse()",
+        }
+        if self.warnings:
+            parts["warnings"] = f"{len(self.warnings)}, the first: {self.warnings[0]}"
+        return object_of("Result", f"{self.station.file}, {self.info}", parts)
 
     @property
     def labels(self) -> NDArray[np.int32]:
@@ -199,6 +219,9 @@ class Traced:
     truth: Truth
     light_map: LightMap
     lost: NDArray[np.uint8]
+
+    def __repr__(self) -> str:
+        return f"Traced({self.light_map!r}, {self.truth!r})"
 
     def result(self, light_map: LightMap | None = None, progress: Progress | None = None) -> Result:
         """Take the aspect image, segment and score it.

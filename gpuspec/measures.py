@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gpuspec.segmentation import GreyLevels, LabelImage, check_label_image
+from gpuspec.shown import html_table
 
 __all__ = ["Blobs", "measure_blobs"]
 
@@ -97,6 +98,13 @@ class Blobs:
     def __len__(self) -> int:
         """Return the number of blobs."""
         return self.label.size
+
+    def __repr__(self) -> str:
+        return f"Blobs({len(self)}: {', '.join(field.name for field in fields(self))})"
+
+    def _repr_html_(self) -> str:
+        """Show itself in a notebook: a line for each of the first blobs."""
+        return html_table(self.rows(), len(self))
 
     def _columns(self) -> dict[str, npt.NDArray[Any]]:
         return {field.name: getattr(self, field.name) for field in fields(self)}

@@ -176,6 +176,19 @@ def pooled(image: NDArray[Any], factor: int, by: np.ufunc) -> NDArray[Any]:
     return image
 
 
+def grey_png(image: NDArray[Any], full: float, width: int = 1200) -> bytes:
+    """Return an image as a PNG, reduced to a width, black at 0 and white at `full`."""
+    from io import BytesIO
+
+    from PIL import Image
+
+    factor = max(1, math.ceil(max(image.shape) / width))
+    grey = pooled(image, factor, np.add) * (255 / full)
+    file = BytesIO()
+    Image.fromarray(np.clip(grey, 0, 255).astype(np.uint8)).save(file, "PNG")
+    return file.getvalue()
+
+
 def reduction(ax: Axes, shape: tuple[int, ...]) -> int:
     """Return by how much an image must be reduced to have no more pixels than its axes."""
     box = ax.get_window_extent()

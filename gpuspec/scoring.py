@@ -58,6 +58,13 @@ class Score:
     defect_zone_px: tuple[int, ...]
     defect_hit_px: tuple[int, ...]
 
+    def __repr__(self) -> str:
+        p2, f1 = ("undefined" if v is None else f"{v:.3f}" for v in (self.p2, self.f1))
+        return (
+            f"Score(P1 {self.p1:.3f}, P2 {p2}, F1 {f1}; {self.defects_hit} of {self.defects} "
+            f"defects hit, {self.false_blobs} of {self.blobs} blobs false)"
+        )
+
     def as_dict(self) -> dict[str, Any]:
         """Return the attributes as a dict that the json module can write."""
         return asdict(self)

@@ -483,6 +483,21 @@ class Station(Section):
             )
         return found
 
+    def __repr__(self) -> str:
+        part, tunnel = self.part, self.tunnel
+        rows, columns = self.shape
+        count = len(self.defects)
+        known = f"{count} defect{'s' * (count != 1)}"
+        placed = f", {len(self.populations)} populations" if self.populations else ""
+        relief = f", relief {part.relief.file}" if part.relief else ""
+        return (
+            f"Station({self._file}: part {part.length_mm:g} x {part.width_mm:g} mm{relief}, {known}"
+            f"{placed}; {tunnel.section} at {tunnel.top_mm:g} mm, stripes {tunnel.luminous_mm:g} + "
+            f"{tunnel.dark_mm:g} mm; {columns} x {rows} pixels, {self.sequence.images} images)"
+        )
+
+    __str__ = __repr__
+
     def as_dict(self) -> dict[str, Any]:
         """Return nested plain values, keys with value none left out, as TOML holds them."""
         return self.model_dump(exclude_none=True, mode="python")

@@ -209,12 +209,7 @@ def extra(name: str) -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] == "gpuspec":
-            raise
-        raise ExtraError(
-            f'this needs {error.name}, which is not installed; pip install "gpuspec[{name}]" '
-            f'(in a checkout: pip install ".[{name}]").'
-        ) from None
+        raise ExtraError.of(error, name) from None
 
 
 def console(*, stderr: bool = False) -> Console:

@@ -13,6 +13,7 @@ from scipy import ndimage
 from gpuspec.defects import Defect, Patch, Scratch
 from gpuspec.parameters import curvatures
 from gpuspec.relief import Grooves, Relief, pixel_position, shape_height
+from gpuspec.shown import array
 from gpuspec.station import Station
 from gpuspec.topography import TopographyMap
 
@@ -55,6 +56,9 @@ class Truth:
 
     labels: NDArray[np.int32]
     defects: tuple[KnownDefect, ...]
+
+    def __repr__(self) -> str:
+        return f"Truth({len(self.defects)} defects; labels {array(self.labels)})"
 
     @classmethod
     def of(cls, station: Station, relief: Relief) -> Truth:

@@ -1,6 +1,59 @@
 """Studies the paper speaks of: each a call, a command, a figure and a table.
 
->>> from gpuspec.studies import coverage
->>> outcome = coverage.study(gpuspec.Station.read("trim.toml"))
+>>> outcome = gpuspec.study("coverage", gpuspec.Station.read("trim.toml"))
 >>> outcome.figure()
+
+The study of each name is the function `study` of the file of that name, which tells its parameters:
+`gpuspec.studies.coverage.study`.
 """
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from gpuspec.station import Station
+    from gpuspec.studies.outcome import Outcome
+
+STUDIES = ("signature", "height", "coverage", "tolerance")
+
+
+def study(name: str, station: Station | None = None, **options: Any) -> Outcome:
+    """Run a study by its name.
+
+    Parameters
+    ----------
+    name : str
+        One of ``STUDIES``.
+    station : Station, optional
+        Only ``signature`` does without.
+    **options
+        What the study of that name takes, e.g. ``steps=9`` of ``tolerance``.
+
+    Returns
+    -------
+    Outcome
+
+    Raises
+    ------
+    StationError
+        If there is no study of that name, or it needs a station.
+    """
+    from importlib import import_module
+
+    from gpuspec.errors import StationError
+
+    if name not in STUDIES:
+        raise StationError(f"there is no study {name!r}; choose one of {', '.join(STUDIES)}.")
+    if station is None and name != "signature":
+        raise StationError(f"the study of {name} needs a station.")
+    found: Outcome = import_module(f"gpuspec.studies.{name}").study(station, **options)
+    return found
+
+
+def __getattr__(name: str) -> Any:
+    if name not in STUDIES:
+        raise AttributeError(f"module 'gpuspec.studies' has no attribute {name!r}")
+    from importlib import import_module
+
+    return import_module(f"gpuspec.studies.{name}")

@@ -30,7 +30,7 @@ SCANNED, TOO_FAR, LOST_LIGHT, OFF_PART = range(4)
 _BAND_PIXELS = 250_000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Coverage(Outcome):
     """How near the nearest transition comes to each pixel over the sequence.
 

@@ -36,7 +36,7 @@ _GRID = 101  # points across a dent, and across the part
 _PART_SEEN = 0.98  # of a crowned part: height moves the outermost rays beside it
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Height(Outcome):
     """How far height and orientation move the light point.
 

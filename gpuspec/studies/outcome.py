@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from gpuspec import __version__
 from gpuspec.backends import DeviceInfo
 from gpuspec.files import Outputs, folder_of
+from gpuspec.shown import object_of
 from gpuspec.station import Station
 from gpuspec.stationfile import copies, keep
 
@@ -41,6 +42,10 @@ class Outcome(ABC):
     station: Station
     info: DeviceInfo
     notes: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        said = {str(number): finding for number, finding in enumerate(self.findings(), 1)}
+        return object_of(type(self).__name__, f"{self.station.file}, {self.info}", said)
 
     @abstractmethod
     def figure(self) -> Figure:

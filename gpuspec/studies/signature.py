@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 _BEYOND = 1.15  # of the distance at which the signature vanishes
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Signature(Outcome):
     """Width of a dent's signature over the distance of one light transition.
 

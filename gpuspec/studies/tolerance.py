@@ -54,6 +54,10 @@ class Perturbation:
     nominal: int
     scores: tuple[Score, ...]
 
+    def __repr__(self) -> str:
+        unit = f" {self.unit}" if self.unit else ""
+        return f"Perturbation({self.name}: {len(self.values)} values{unit})"
+
     @property
     def p1(self) -> Array:
         """Precision P1, shape (n,)."""
@@ -77,7 +81,7 @@ class Perturbation:
         return f"{quality[index]:.3f} ({where})"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Tolerance(Outcome):
     """How a design's score holds when what it was chosen for changes.
 

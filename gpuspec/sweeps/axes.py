@@ -43,6 +43,10 @@ class Axis:
     key: str
     values: tuple[float | int, ...]
 
+    def __repr__(self) -> str:
+        first, last = self.values[0], self.values[-1]
+        return f"Axis({self.key}: {len(self.values):,} values, {first:g} to {last:g})"
+
     @property
     def retraces(self) -> bool:
         """Whether another value needs another light map."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from gpuspec.cautions import without_effect
 from gpuspec.errors import OutputError, StationError
 from gpuspec.levels import thresholds
+from gpuspec.shown import object_of
 from gpuspec.station import Station
 from gpuspec.sweeps.choice import Rule, f1_of
 from gpuspec.sweeps.front import COLUMNS, Front, Points
@@ -77,6 +78,24 @@ class Choice:
     defects: int
     front: Points
     ranked: Points
+
+    def __repr__(self) -> str:
+        best = self.best
+        values = ", ".join(f"{key} = {value:g}" for key, value in best.values.items())
+        parts = {
+            "best": f"design {best.design}, {values}, threshold {best.threshold_dn:.6g} DN",
+            "score": f"P1 {best.p1:.4f}, P2 {best.p2:.4f}, F1 {best.f1:.4f}, {best.hits} of "
+            f"{self.defects} defects hit",
+            "front": f"{len(self.ranked.design):,} designs",
+        }
+        return object_of("Choice", f"{self.run.path}, rule: {self.rule}", parts)
+
+    def _repr_png_(self) -> bytes:
+        """Show itself in a notebook: P2 versus P1, the front and the chosen point."""
+        from gpuspec.figures import png
+        from gpuspec.sweeps.front_picture import front_picture
+
+        return png(front_picture(self))
 
     @property
     def plan(self) -> Plan:

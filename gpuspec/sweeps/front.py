@@ -36,6 +36,10 @@ class Points:
     hits: NDArray[np.int64]
     exact: NDArray[np.bool_]
 
+    def __repr__(self) -> str:
+        names = ", ".join(field.name for field in fields(self))
+        return f"Points({len(self.design):,} designs at a threshold: {names})"
+
     @classmethod
     def empty(cls) -> Points:
         """Return no points."""

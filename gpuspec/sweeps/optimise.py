@@ -18,6 +18,7 @@ from gpuspec.devices import open_backend
 from gpuspec.errors import OutputError, StationError
 from gpuspec.files import Outputs, folder_of, write_new
 from gpuspec.levels import thresholds
+from gpuspec.shown import object_of
 from gpuspec.station import Station
 from gpuspec.sweeps.axes import VARY_BETWEEN, bounds
 from gpuspec.sweeps.bench import notes_of
@@ -54,6 +55,22 @@ class Optimum:
     trials: tuple[Trial, ...]
     best: int
     info: DeviceInfo
+
+    def __repr__(self) -> str:
+        best = self.trials[self.best]
+        values = ", ".join(f"{key} = {value:g}" for key, value in best.values.items())
+        parts = {
+            "best": f"trial {self.best + 1}, {values}, threshold {best.threshold_dn:.6g} DN",
+            "score": f"P1 {best.p1:.4f}, P2 {best.p2:.4f}, {best.hits} of {best.defects} defects "
+            f"hit",
+        }
+        return object_of("Optimum", f"{len(self.trials)} trials, rule: {self.rule}", parts)
+
+    def _repr_png_(self) -> bytes:
+        """Show itself in a notebook: every trial, and how the best one came about."""
+        from gpuspec.sweeps.optimise_picture import optimise_picture
+
+        return optimise_picture(self)
 
     def station(self) -> Station:
         """Return the best station with its threshold, and part 0.

@@ -46,6 +46,12 @@ class Plan:
     parts: int = 1
     samples: int = 0
 
+    def __repr__(self) -> str:
+        keys = ", ".join(f"{len(a.values)} of {a.key}" for a in self.axes)
+        parts = f"{self.parts} part{'s' * (self.parts > 1)}"
+        sampled = f", screened by {self.samples:,} pixels" if self.samples else ""
+        return f"Plan({self.station.file}: {self.designs:,} designs, {keys}; {parts}{sampled})"
+
     @classmethod
     def of(
         cls,

@@ -53,6 +53,11 @@ class RunFolder:
         self._sound: dict[int, str] = {}  # files that hold what was written, and their checksums
         self._checksums = Checksums(path)
 
+    def __repr__(self) -> str:
+        there = self.there()
+        done = "all there" if there == self.plan.designs else f"{there:,} there"
+        return f"RunFolder({self.path}: {self.plan.designs:,} designs, {done})"
+
     @classmethod
     def read(cls, path: str | Path) -> RunFolder:
         """Open the folder of a sweep to read it.

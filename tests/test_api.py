@@ -1,0 +1,174 @@
+"""The package as Python sees it: names, what objects say of themselves, what a notebook shows."""
+
+from __future__ import annotations
+
+import io
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import gpuspec
+from gpuspec import studies
+from gpuspec.devices import BACKENDS
+from gpuspec.errors import ExtraError, StationError
+from gpuspec.inspection import Result, trace
+from gpuspec.station import Station
+
+SMALL = {
+    "part": {"length_mm": 20.0, "width_mm": 10.0},
+    "camera": {"sampling_mm": 0.1},
+    "defects": [
+        {"kind": "dent", "x_mm": x, "y_mm": 1.0, "diameter_mm": 1.0, "depth_um": 8.0}
+        for x in (-6.0, 0.0, 6.0)
+    ],
+}
+
+
+@pytest.fixture(scope="module")
+def result() -> Result:
+    return gpuspec.simulate(Station.from_dict(SMALL, "small.toml"), "numpy")
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> gpuspec.RunFolder:
+    station = Station.from_dict(SMALL, "small.toml")
+    plan = gpuspec.Plan.of(station, {"tunnel.luminous_mm": "2:4:3"})
+    return gpuspec.sweep(plan, tmp_path_factory.mktemp("run") / "sweep", "numpy")
+
+
+@pytest.fixture(scope="module")
+def optimum(tmp_path_factory) -> gpuspec.Optimum:
+    station = Station.from_dict(SMALL, "small.toml")
+    plan = gpuspec.search_plan(station, {"tunnel.luminous_mm": "2:4"})
+    return gpuspec.optimise(plan, tmp_path_factory.mktemp("run") / "search", 3, backend="numpy")
+
+
+def test_every_public_name_is_there_and_listed():
+    for name in gpuspec.__all__:
+        assert getattr(gpuspec, name) is not None
+        assert name in dir(gpuspec)
+    assert set(gpuspec.__all__) == set(gpuspec._HOME)
+    assert {"devices", "studies", "sweeps"} <= set(dir(gpuspec))
+    assert gpuspec.front is gpuspec.choose
+    with pytest.raises(AttributeError, match="no attribute 'simulat'"):
+        gpuspec.simulat  # noqa: B018
+
+
+def test_import_alone_reads_no_library():
+    heavy = ["numpy", "scipy", "matplotlib", "pyopencl", "pydantic", "pyarrow", "typer"]
+    code = f"import sys, gpuspec; dir(gpuspec); print([n for n in {heavy} if n in sys.modules])"
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert shown.stdout == "[]\n"
+
+
+def test_names_reach_the_same_after_any_import_of_their_files():
+    code = (
+        "import gpuspec, gpuspec.sweeps.front, gpuspec.sweeps.optimise, gpuspec.devices, "
+        "gpuspec.studies.coverage\n"
+        "print([n for n in gpuspec.__all__ if type(getattr(gpuspec, n)).__name__ == 'module'])"
+    )
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert shown.stdout == "[]\n"
+
+
+def test_without_its_packages_a_sweep_says_which_extra(monkeypatch):
+    for name in [n for n in sys.modules if n.startswith("gpuspec.sweeps.")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(ExtraError, match=r'needs pyarrow.*pip install "gpuspec\[sweep\]"'):
+        gpuspec.sweep  # noqa: B018
+
+
+def test_a_study_is_run_by_its_name():
+    station = Station.from_dict(SMALL, "small.toml")
+    outcome = gpuspec.study("coverage", station, backend="numpy")
+    assert type(outcome).__name__ == "Coverage"
+    assert repr(outcome).startswith("Coverage(small.toml, numpy on cpu")
+    assert "pixels are blind" in repr(outcome)
+    assert gpuspec.studies.coverage.study is studies.coverage.study
+    with pytest.raises(StationError, match="choose one of signature, height, coverage"):
+        gpuspec.study("covrage", station)
+    with pytest.raises(StationError, match="the study of height needs a station"):
+        gpuspec.study("height")
+    with pytest.raises(AttributeError):
+        studies.covrage  # noqa: B018
+
+
+def readable(thing: object, *words: str) -> str:
+    """What an object says of itself: short, in words, without its arrays."""
+    text = repr(thing)
+    assert len(text) < 900, text
+    assert len(text.splitlines()) <= 9
+    for jargon in ("array(", "object at 0x", "dtype=", "..., "):
+        assert jargon not in text
+    for word in words:
+        assert word in text
+    return text
+
+
+def test_a_result_and_its_parts_say_what_they_are(result):
+    readable(result, "small.toml, numpy on cpu", "P1", "3 of 3 defects hit",
+             "aspect: (100, 200) float32, grey levels in DN")  # fmt: skip
+    readable(result.station, "small.toml", "20 x 10 mm", "3 defects", "200 x 100 pixels")
+    readable(result.score, "P1", "P2", "3 of 3 defects hit")
+    readable(result.blobs, "Blobs(3: label, area_px")
+    readable(result.confusion, "dent: 3 dent or bump")
+    readable(result.inspection, "3 blobs above", "DN")
+    readable(result.relief, "3 defects, 3 grooves")
+    readable(result.relief.grooves, "in mm")
+    readable(trace(result.station, "numpy"), "Truth(3 defects; labels (100, 200) int32)")
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_backends_and_light_maps_say_what_they_are(backend):
+    opened = gpuspec.open_backend(backend)
+    readable(opened, f"{backend} on ")
+    light_map = opened.trace(Station.from_dict(SMALL, "small.toml"))
+    readable(light_map, "LightMap(small.toml: 200 x 100 pixels of 1 sub-ray", "light_mm", "in DN")
+    readable(light_map.read(), "light_mm: (1, 100, 200)", ", mm")
+
+
+def test_sweep_choice_and_search_say_what_they_are(run, optimum):
+    readable(run.plan, "small.toml: 3 designs, 3 of tunnel.luminous_mm; 1 part")
+    readable(run.plan.axes[0], "tunnel.luminous_mm: 3 values, 2 to 4")
+    readable(run, "3 designs, all there")
+    choice = gpuspec.front(run)
+    readable(choice, "rule: all defects hit", "best: design", "3 of 3 defects hit", "DN")
+    readable(choice.front, "designs at a threshold")
+    readable(choice.best, "threshold_dn")
+    readable(optimum, "3 trials", "tunnel.luminous_mm = ", "3 of 3 defects hit")
+
+
+def test_a_measured_relief_says_what_it_is():
+    relief = gpuspec.simulate(gpuspec.example("measured"), "opencl").relief
+    readable(relief, "TopographyMap(part.relief: 480 x 560 heights in mm, pitch 0.0035 x 0.0035 mm")
+    readable(gpuspec.example("measured"), "relief polished")
+
+
+def test_a_notebook_shows_pictures_and_tables(result, run, optimum):
+    for thing in (result, result.light_map, gpuspec.front(run), optimum):
+        with Image.open(io.BytesIO(thing._repr_png_())) as picture:
+            assert min(picture.size) >= 100
+    blobs = result.blobs._repr_html_()
+    assert blobs.count("<tr>") == 4
+    assert "<th>area_mm2</th>" in blobs
+    assert "<td>dent</td>" in result.confusion._repr_html_()
+
+
+def test_a_long_table_is_shown_in_part(result):
+    many = result.blobs.rows() * 10
+    from gpuspec.shown import html_table
+
+    shown = html_table(many, len(many))
+    assert shown.count("<tr>") == 21
+    assert "10 more" in shown
+    assert html_table([], 0) == "<p>none</p>"
+
+
+def test_a_light_map_shows_its_aspect_image(result):
+    with Image.open(io.BytesIO(result.light_map._repr_png_())) as picture:
+        grey = np.asarray(picture).astype(float)
+    np.testing.assert_allclose(grey, np.clip(result.aspect, 0, 255), atol=1)
