@@ -24,6 +24,7 @@ from gpuspec.scoring import Score, score
 from gpuspec.segmentation import automatic_threshold, flawless_level, segment
 from gpuspec.shown import array, object_of
 from gpuspec.station import Station
+from gpuspec.topography_file import size_mm
 from gpuspec.truth import KnownDefect, Truth
 
 # Host memory at the peak, per pixel: aspect, labels, truth and nearest (4 bytes each), masks, and
@@ -356,7 +357,12 @@ def check_memory(station: Station) -> None:
     ------
     StationError
         With the sampling that would fit.
+    TopographyError
+        If the map that gives the part its size cannot be read.
     """
+    relief = station.part.relief
+    if relief and station.sides_of_map:  # a size that no map gave would be refused in its place
+        size_mm(relief, station.locate(relief.file), station.file)
     rows, columns = station.shape
     needed = rows * columns * _BYTES_PER_PIXEL
     available = _available_bytes()

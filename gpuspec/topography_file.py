@@ -117,8 +117,15 @@ def read_topography(
     return Measured(np.where(defined, heights * scale, 0.0), defined, pitch)
 
 
-def size_mm(topography: Topography, path: Path) -> tuple[float, float]:
-    """Return the extent of a map along x and y.
+def size_mm(
+    topography: Topography, path: Path, file: str = "station", key: str = "part.relief"
+) -> tuple[float, float]:
+    """Return the extent of a map along x and y; it is remembered until the file changes.
+
+    Parameters
+    ----------
+    topography, path, file, key
+        As :func:`read_topography` takes them.
 
     Raises
     ------
@@ -127,14 +134,16 @@ def size_mm(topography: Topography, path: Path) -> tuple[float, float]:
     """
     state = path.stat() if path.is_file() else None
     changed = (state.st_mtime_ns, state.st_size) if state else None
-    return _size(topography.model_dump_json(), path, changed)
+    return _size(topography.model_dump_json(), path, changed, file, key)
 
 
 @lru_cache(maxsize=32)
-def _size(section: str, path: Path, changed: object) -> tuple[float, float]:
+def _size(section: str, path: Path, changed: object, file: str, key: str) -> tuple[float, float]:
     topography = Topography.model_validate_json(section)
-    grid = _grid(topography, path, "", 0)
-    pitch = _pitch(topography, grid, "", "")
+    says = f'{file}: {key}.file = "{topography.file}"'
+    grid = _grid(topography, path, says, 0)
+    _height_mm(topography, grid.unit, says, key)
+    pitch = _pitch(topography, grid, says, key)
     ny, nx = grid.heights.shape
     return nx * pitch[0], ny * pitch[1]
 

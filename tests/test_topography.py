@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import sys
 
@@ -10,6 +11,7 @@ import pytest
 import tifffile
 from PIL import Image
 
+from gpuspec import inspection
 from gpuspec.errors import StationError, TopographyError
 from gpuspec.form import filled
 from gpuspec.inspection import simulate
@@ -764,6 +766,42 @@ def test_a_part_takes_the_size_of_its_map_where_it_states_none(folder):
         assert m.name == "part.relief"
         again = Station.parse(to_toml(station), "again.toml", folder)
         assert again.part == station.part  # written as resolved
+
+
+def test_a_map_that_cannot_be_read_is_told_before_the_size_it_would_have_given(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr(inspection, "_available_bytes", lambda: 1000)
+    for file, keys, why in (
+        ("nowhere.npy", {}, 'part.relief.file = "nowhere.npy" is not there'),
+        ("x.npy", {"height_unit": None}, "give part.relief.height_unit"),
+        ("x.npy", {"pitch_um": None}, "give part.relief.pitch_um"),
+    ):
+        np.save(tmp_path / "x.npy", np.zeros((10, 20)))
+        with pytest.raises(TopographyError, match=re.escape(why)):
+            simulate(plain_station(tmp_path, file, **keys), "numpy")
+    with pytest.raises(StationError, match="GiB"):
+        simulate(plain_station(tmp_path, "x.npy"), "numpy")
+
+
+def test_a_pitch_is_a_number_or_two(tmp_path):
+    np.save(tmp_path / "x.npy", np.zeros((10, 20)))
+    for pitch in (4, 4.5, [5, 4.0]):
+        station = plain_station(tmp_path, "x.npy", pitch_um=pitch)
+        assert Station.parse(to_toml(station), "demo.toml", tmp_path).part == station.part
+    for wrong, why in (
+        ("4", "must be a number, or must be a list"),
+        ([1.0], "pitch_um"),
+        ([1.0, 2.0, 3.0], "pitch_um"),
+        (-1.0, "must be greater than 0"),
+        ([0.0, 1.0], "must be greater than 0"),
+    ):
+        with pytest.raises(StationError) as caught:
+            plain_station(tmp_path, "x.npy", pitch_um=wrong)
+        assert why in str(caught.value)
+        assert "part.relief.pitch_um" in str(caught.value)
+        for jargon in ("tuple", "Field", "Input"):
+            assert jargon not in str(caught.value), str(caught.value)
 
 
 def test_another_map_gives_the_part_another_size_and_none_leaves_it(folder):
