@@ -20,17 +20,14 @@ from scipy.special import ive
 
 from gpuspec.defects import MICRO, Patch, Topography
 from gpuspec.errors import TopographyError
-from gpuspec.form import Heights, Mask, filled, form, standing_out
+from gpuspec.form import Heights, Mask, filled, form
 from gpuspec.station import Station
-from gpuspec.topography_file import SIDE_MIN, Measured, brief, read_topography, silence
+from gpuspec.topography_checks import check_pitch, check_relief, remarks, without_outliers
+from gpuspec.topography_file import brief, read_topography, silence
 
-_SLOPE_MAX = 1.0  # rms; beyond, heights and pitch are not of the same unit
-_ROUNDING_SLOPE_MAX = 1e-5  # rad, of float32 heights over one pitch
 _VARIANCE_MIN = 1e-9  # points^2; below, smoothing changes nothing
 _VARIANCE_WIDE = 1e6  # points^2; above, the Gaussian on the grid is the true one (and ive fails)
 _END = 16  # points after which the spline forgets what follows: 0.27^16 = 7e-10
-_FEW = 0.05  # of the points may be outliers
-_COARSE = 8  # pixels between two points, from which on it is said
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,22 +236,22 @@ def _laid(
     heights, pitch = measured.heights_mm, measured.pitch_mm
     ny, nx = heights.shape
     corner = centre[0] - (nx - 1) / 2 * pitch[0], centre[1] - (ny - 1) / 2 * pitch[1]
-    _check_pitch(station, measured, says)
+    check_pitch(station, measured, says)
     sigma = topography.smoothing_um * MICRO
     if sigma > min(measured.size_mm) / 4:
         raise TopographyError(
             f"{says} with smoothing_um = {topography.smoothing_um:g}: nothing is left of a map of "
             f"{nx * pitch[0]:g} x {ny * pitch[1]:g} mm; smooth by less than a quarter of its side."
         )
-    defined, remarks = measured.defined, []
+    defined = measured.defined
+    said: list[str] = []
     if topography.outlier_um is not None:
-        defined, remark = _without_outliers(measured, topography.outlier_um, says, key, corner)
-        remarks += remark
-    remarks += _remarks(station, measured, defined, key, corner)
+        defined, said = without_outliers(measured, topography.outlier_um, says, key, corner)
+    said += remarks(station, measured, key, corner)
     rough = filled(heights, defined) - form(heights, defined, topography.form_removed)
     window = np.outer(_fading(ny, taper), _fading(nx, taper))
     relief = _smoothed(rough, sigma**2, pitch) * window
-    _check_relief(relief, measured, says, key, corner)
+    check_relief(relief, measured, says, key, corner)
     zone = _zone(station, topography, key, relief)
     square = (station.camera.sampling_mm / station.camera.subsampling) ** 2 / 12
     return TopographyMap(
@@ -264,98 +261,7 @@ def _laid(
         corner,
         None if zone is None else zone & defined,
         key,
-        tuple(remarks),
-    )
-
-
-def _without_outliers(
-    measured: Measured, limit_um: float, says: str, key: str, corner: tuple[float, float]
-) -> tuple[Mask, list[str]]:
-    """Return the points that are kept, and what is said of the others."""
-    away = standing_out(measured.heights_mm, measured.defined)
-    out = away > limit_um * MICRO
-    count = np.count_nonzero(out)
-    defined = measured.defined & ~out
-    if np.count_nonzero(defined) < 0.5 * defined.size:
-        raise TopographyError(
-            f"{says}: outlier_um = {limit_um:g} leaves out {_percent(out.mean())} of its points; "
-            f"give a larger one."
-        )
-    if not count:
-        return defined, []
-    furthest = f"{away.max() / MICRO:.4g} um {_place(away, measured, corner)}"
-    beyond = f"more than outlier_um = {limit_um:g} um out of"
-    if count == 1:
-        told = f"1 of the map's points stands {beyond} its surroundings and was left out: by"
-    else:
-        told = (
-            f"{count:,} of the map's points stand {beyond} their surroundings and were left out; "
-            f"the furthest by"
-        )
-    return defined, [f"{key}: {told} {furthest}."]
-
-
-def _remarks(
-    station: Station, measured: Measured, defined: Mask, key: str, corner: tuple[float, float]
-) -> list[str]:
-    """Say what of a map is missing, and what of it the part and the camera do not take."""
-    said = []
-    pitch, size = measured.pitch_mm, measured.size_mm
-    missing = ~measured.defined
-    if missing.any():
-        holes, _ = ndimage.label(missing)
-        ys, xs = ndimage.find_objects(holes)[np.bincount(holes[missing]).argmax() - 1]
-        x = corner[0] + (xs.start + xs.stop - 1) / 2 * pitch[0]
-        y = corner[1] + (ys.start + ys.stop - 1) / 2 * pitch[1]
-        wide, high = (xs.stop - xs.start) * pitch[0], (ys.stop - ys.start) * pitch[1]
-        said.append(
-            f"{key}: {_percent(missing.mean())} of the map's points "
-            f"({np.count_nonzero(missing):,}) are missing; they were filled smoothly from "
-            f"those around them and count as flawless (the largest "
-            f"hole, {wide:.3g} x {high:.3g} mm, at x = {x:.4g}, y = {y:.4g} mm)."
-        )
-    part = station.part.length_mm, station.part.width_mm
-    taken = 1.0
-    for start, p, n, side in zip(corner, pitch, defined.shape[::-1], part, strict=True):
-        low, high = max(start - p / 2, -side / 2), min(start + (n - 0.5) * p, side / 2)
-        if high - low < (n - 1) * p:  # a pitch is left for rounding
-            taken *= max(high - low, 0) / (n * p)
-    if taken < 1:
-        said.append(
-            f"{key}: {_percent(1 - taken)} of its map, {size[0]:.4g} x {size[1]:.4g} mm, lie "
-            f"beyond the part of {part[0]:.4g} x {part[1]:.4g} mm and are left out"
-            + (
-                "; without part.length_mm and part.width_mm the part takes the map's size."
-                if key == "part.relief"
-                else "."
-            )
-        )
-    sampling = station.camera.sampling_mm
-    if max(pitch) > _COARSE * sampling:
-        said.append(
-            f"{key}: the map's points lie {max(pitch) / sampling:.3g} pixels apart, "
-            f"{max(pitch):.3g} mm: no smaller defect can be in it; check the unit of its pitch."
-        )
-    if min(size) < sampling:
-        said.append(
-            f"{key}: the whole map, {size[0]:.3g} x {size[1]:.3g} mm, is smaller than a pixel of "
-            f"camera.sampling_mm = {sampling:g}; check the unit of its pitch."
-        )
-    return said
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.3g} %"
-
-
-def _place(values: Heights, measured: Measured, corner: tuple[float, float]) -> str:
-    """Say where the greatest value is: in the file, and on the part."""
-    row, column = np.unravel_index(int(values.argmax()), values.shape)
-    x = corner[0] + column * measured.pitch_mm[0]
-    y = corner[1] + row * measured.pitch_mm[1]
-    return (
-        f"in line {len(values) - row}, column {column + 1} of the map, at x = {x:.4g} mm, "
-        f"y = {y:.4g} mm"
+        tuple(said),
     )
 
 
@@ -366,69 +272,6 @@ def _fading(points: int, taper: float) -> Heights:
     end = np.minimum(np.arange(points), np.arange(points)[::-1]) / (taper * (points - 1))
     fading: Heights = (1 - np.cos(np.pi * np.minimum(end, 1))) / 2
     return fading
-
-
-def _check_pitch(station: Station, measured: Measured, says: str) -> None:
-    """Refuse a map of which the part sees next to nothing: its unit is another."""
-    part = station.part.length_mm, station.part.width_mm
-    if any(side < SIDE_MIN * p for side, p in zip(part, measured.pitch_mm, strict=True)):
-        size, pitch = (
-            " x ".join(f"{v:.4g}" for v in pair) for pair in (measured.size_mm, measured.pitch_mm)
-        )
-        raise TopographyError(
-            f"{says} has a pitch of {pitch} mm and is {size} mm large: the part of {part[0]:.4g} x "
-            f"{part[1]:.4g} mm covers fewer than {SIDE_MIN} of its points; check the unit of the "
-            f"map's pitch (m for mm?), or part.length_mm and part.width_mm."
-        )
-
-
-def _rms_slope(heights: Heights, pitch: tuple[float, float]) -> float:
-    slopes = [np.diff(heights, axis=1) / pitch[0], np.diff(heights, axis=0) / pitch[1]]
-    return float(np.sqrt(sum(np.mean(s**2) for s in slopes)))
-
-
-def _check_relief(
-    relief: Heights, measured: Measured, says: str, key: str, corner: tuple[float, float]
-) -> None:
-    pitch = measured.pitch_mm
-    slope = _rms_slope(relief, pitch)
-    if not slope <= _SLOPE_MAX:
-        raise TopographyError(
-            f"{says} has an rms slope of {slope:.3g}, more than {_SLOPE_MAX:g}: no mirror; "
-            f"{_way_to_a_mirror(measured, key, corner)}."
-        )
-    highest = float(np.abs(relief).max())
-    if highest * np.finfo(np.float32).eps > _ROUNDING_SLOPE_MAX * min(pitch):
-        raise TopographyError(
-            f"{says} reaches {highest:.3g} mm from zero, too far for slopes in single precision at "
-            f"a pitch of {min(pitch):.3g} mm; {_way_to_a_mirror(measured, key, corner)}, or remove "
-            f'more form (form_removed = "curvature").'
-        )
-
-
-def _way_to_a_mirror(measured: Measured, key: str, corner: tuple[float, float]) -> str:
-    """Say what may be wrong with a map: a few points, where without them it is one, or its units.
-
-    The points that stand out by more than a pitch: steeper than 45 degrees, where no light of a
-    mirror comes back to an instrument above it.
-    """
-    steepest = min(measured.pitch_mm)
-    away = standing_out(measured.heights_mm, measured.defined)
-    out = away > steepest
-    count = np.count_nonzero(out)
-    kept = measured.defined & ~out
-    if 0 < count < _FEW * out.size and (
-        _rms_slope(filled(measured.heights_mm, kept), measured.pitch_mm) <= _SLOPE_MAX
-    ):
-        stand = "one point stands" if count == 1 else f"{count:,} points stand"
-        furthest = "," if count == 1 else ", the furthest"
-        limit = float(f"{steepest / MICRO:.3g}")
-        return (
-            f"{stand} far out of the surroundings{furthest} by {away.max() / MICRO:.4g} um "
-            f"{_place(away, measured, corner)}; {key}.outlier_um = {limit:g} leaves out what "
-            f"stands out by more than a pitch"
-        )
-    return "check the units of its heights and pitch, or smooth it (smoothing_um)"
 
 
 def _check_cover(station: Station, relief: TopographyMap) -> None:
