@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 import tifffile
 from PIL import Image
+from scipy import ndimage
 
-from gpuspec import inspection
+from gpuspec import form, inspection
 from gpuspec.errors import StationError, TopographyError
 from gpuspec.form import filled
 from gpuspec.inspection import simulate
@@ -861,6 +862,21 @@ def test_filling_needs_no_other_package_and_is_harmonic(tmp_path):
     found = filled(saddle * defined, defined)
     assert np.isfinite(found).all()
     np.testing.assert_array_equal(found[defined], saddle[defined])
+
+
+def test_many_missing_points_are_filled_from_half_of_them(monkeypatch):
+    x, y = grid(121, 101)
+    random = np.random.default_rng(5)
+    heights = 1e-3 * ndimage.gaussian_filter(random.normal(size=x.shape), 8)
+    defined = np.hypot(x - 0.05, y) > 0.1
+    defined[60:, 100:] = False
+    solved = filled(heights, defined)
+    monkeypatch.setattr(form, "SOLVED_MAX", 300)
+    halved = filled(heights, defined)
+    np.testing.assert_array_equal(halved[defined], heights[defined])
+    # Measured 2.2 % of the heights' range, 0.45 % in the mean.
+    np.testing.assert_allclose(halved, solved, rtol=0, atol=0.03 * np.ptp(heights))
+    assert np.abs(halved - solved)[~defined].mean() < 0.01 * np.ptp(heights)
 
 
 @pytest.mark.parametrize("times", [1000.0, 1e6])
