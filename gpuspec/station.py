@@ -283,7 +283,7 @@ def _sides_of_map(data: dict[str, Any], folder: Path) -> dict[str, float | None]
     """Return the sides of the part that its map decides, None where the map cannot be read yet."""
     part = data.get("part")
     relief = part.get("relief") if isinstance(part, dict) else None
-    if not isinstance(part, dict) or not isinstance(relief, dict):
+    if not isinstance(part, dict) or not isinstance(relief, (dict, Topography)):
         return {}
     sides: dict[str, float | None] = {side: None for side in _SIDES if side not in part}
     if sides:
@@ -298,6 +298,12 @@ def _sides_of_map(data: dict[str, Any], folder: Path) -> dict[str, float | None]
             if side in sides:
                 sides[side] = float(f"{value:.9g}")
     return sides
+
+
+def _sized(data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Return the data with the sides of the part that its map decides and can be read of it."""
+    sides = {side: value for side, value in _sides_of_map(data, folder).items() if value}
+    return {**data, "part": {**data["part"], **sides}} if sides else data
 
 
 class Station(Section):
@@ -401,10 +407,8 @@ class Station(Section):
             As :meth:`read`.
         """
         sides = _sides_of_map(data, Path(folder))
-        if any(sides.values()):
-            data = {**data, "part": {**data["part"], **{k: v for k, v in sides.items() if v}}}
         try:
-            station = cls.model_validate(data)
+            station = cls.model_validate(_sized(data, Path(folder)))
         except ValidationError as error:
             said = explain(error, cls, file)
             if any(sides.values()):
