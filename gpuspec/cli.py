@@ -73,7 +73,7 @@ def simulate(
 @app.command()
 def demo(
     name: Annotated[
-        str, typer.Argument(help="Which example.", autocompletion=completion.examples)
+        str, typer.Argument(help="trim or measured.", autocompletion=completion.examples)
     ] = "trim",
     output: OutputOption = Path("demo"),
     backend: BackendOption = "auto",
@@ -179,7 +179,9 @@ def init(
     name: Annotated[
         str,
         typer.Option(
-            "--example", help="Which example to start from.", autocompletion=completion.examples
+            "--example",
+            help="What to start from: trim or measured.",
+            autocompletion=completion.examples,
         ),
     ] = "trim",
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,

@@ -276,6 +276,12 @@ def test_a_key_is_set_once(gpuspec_):
     assert told == "--set tunnel.dark_mm stands twice; set each key once."
 
 
+def test_the_help_names_every_example(gpuspec_):
+    for command in ("demo", "init"):
+        shown = gpuspec_(command, "--help").out
+        assert all(name in shown for name in examples())
+
+
 @pytest.mark.parametrize("name", examples())
 def test_every_example_runs_as_it_is_and_as_init_writes_it(gpuspec_, name):
     small = ["--no-pictures"] + ["--set", "camera.sampling_mm=0.5"] * (name == "trim")
