@@ -279,11 +279,19 @@ def _merged(section: Any, old: Any, new: Any) -> Any:
     return merged
 
 
+def _part_of(data: dict[str, Any]) -> dict[str, Any]:
+    """Return what the data say of the part; empty if that is no table."""
+    part = data.get("part")
+    if isinstance(part, Part):
+        return {key: getattr(part, key) for key in part.model_fields_set}
+    return part if isinstance(part, dict) else {}
+
+
 def _sides_of_map(data: dict[str, Any], folder: Path) -> dict[str, float | None]:
     """Return the sides of the part that its map decides, None where the map cannot be read yet."""
-    part = data.get("part")
-    relief = part.get("relief") if isinstance(part, dict) else None
-    if not isinstance(part, dict) or not isinstance(relief, (dict, Topography)):
+    part = _part_of(data)
+    relief = part.get("relief")
+    if not isinstance(relief, (dict, Topography)):
         return {}
     sides: dict[str, float | None] = {side: None for side in _SIDES if side not in part}
     if sides:
@@ -303,7 +311,7 @@ def _sides_of_map(data: dict[str, Any], folder: Path) -> dict[str, float | None]
 def _sized(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Return the data with the sides of the part that its map decides and can be read of it."""
     sides = {side: value for side, value in _sides_of_map(data, folder).items() if value}
-    return {**data, "part": {**data["part"], **sides}} if sides else data
+    return {**data, "part": {**_part_of(data), **sides}} if sides else data
 
 
 class Station(Section):
@@ -336,10 +344,12 @@ class Station(Section):
     _source: Path | None = PrivateAttr(default=None)
 
     def __init__(self, /, **sections: Any) -> None:
+        data = plain(sections)
         try:
-            super().__init__(**plain(sections))
+            super().__init__(**_sized(data, Path.cwd()))
         except ValidationError as error:
             raise StationError("\n".join(explain(error, type(self), "station"))) from None
+        self.part.model_fields_set.difference_update(_sides_of_map(data, Path.cwd()))
 
     # Read by pydantic: what is validated from a file goes another way, and names the file.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]

@@ -13,11 +13,12 @@ from PIL import Image
 from scipy import ndimage
 
 from gpuspec import form, inspection
+from gpuspec.defects import Topography
 from gpuspec.errors import StationError, TopographyError
 from gpuspec.form import filled
 from gpuspec.inspection import simulate
 from gpuspec.opencl import OpenCLBackend
-from gpuspec.station import Station
+from gpuspec.station import Part, Station
 from gpuspec.stationfile import to_toml
 from gpuspec.topography import coefficients, map_records, read_maps, relief_at, zone_at
 
@@ -803,6 +804,15 @@ def test_a_pitch_is_a_number_or_two(tmp_path):
         assert "part.relief.pitch_um" in str(caught.value)
         for jargon in ("tuple", "Field", "Input"):
             assert jargon not in str(caught.value), str(caught.value)
+
+
+def test_a_station_made_in_python_has_its_maps_size_too():
+    for part in ({"relief": {"file": "polished"}}, Part(relief=Topography(file="polished"))):
+        station = Station(part=part)
+        assert (station.part.length_mm, station.part.width_mm) == (1.96, 1.68)
+        assert station.sides_of_map == ("length_mm", "width_mm")
+    assert Station(part=Part(length_mm=1.0, relief={"file": "polished"})).part.length_mm == 1.0
+    assert Station().sides_of_map == ()
 
 
 def test_another_map_gives_the_part_another_size_and_none_leaves_it(folder):
