@@ -23,7 +23,7 @@ def reference(
         ),
     ] = "",
 ) -> None:
-    """Print every key of the station file: unit, range, choices, default. Piped: Markdown."""
+    """Print every key of the station file: range, choices, default."""
     from gpuspec.keys import keys, markdown
 
     chosen = keys(key)
