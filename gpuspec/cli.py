@@ -111,7 +111,7 @@ def prototype(
         ),
     ] = None,
     backend: Annotated[
-        str, typer.Option("--backend", help="opengl or vulkan; auto takes the first that opens.")
+        str, typer.Option("--backend", help="opengl or vulkan; auto takes the first that computes.")
     ] = "auto",
     device: DeviceOption = None,
     frames: Annotated[
@@ -254,7 +254,7 @@ def _summarise(result: Result, output: Path, chosen: bool) -> None:
         Text.assemble(
             (result.station.file, "bold"),
             f": {columns} x {rows} pixels, {result.station.sequence.images} images, {result.info}",
-            f", the first of {', '.join(BACKENDS)} that opens" if chosen else "",
+            f", the first of {', '.join(BACKENDS)} that computes" if chosen else "",
         ),
         soft_wrap=True,
     )

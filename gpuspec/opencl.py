@@ -30,6 +30,12 @@ INSTALL = (
 INTEL = "Intel(R) OpenCL"
 _TILE_BYTES_MAX = 1 << 30
 
+# Pixels times images of one launch, about a second on two slow cores; what noise costs more, and
+# how much more a GPU does in that time.
+_AT_ONCE = 1_000_000_000
+_NOISE_COST = 16
+_GPU_SPEED = 50
+
 VECTOR = 8
 """Pixels of a REAL where it is a vector; rows are padded to whole ones."""
 
@@ -294,19 +300,41 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
         """See :meth:`TiledLightMap.run_tile`."""
         b = self.backend
         grey = b.empty(4 * len(out) * tile.rows * self.stride)
-        self.enqueue(tile, what, b.constant(design_block(station)), k, grey)
+        design = b.constant(design_block(station))
+        for rows in self._slices(what, station, tile.rows):
+            self._enqueue(tile, what, design, k, grey, rows)
+            if rows.stop < tile.rows:
+                b.queue.finish()
         self._copy_home(out, grey)
 
     def enqueue(self, tile: PlanarTile, what: str, design: Any, k: int, grey: Any) -> None:
         """Start a kernel on a tile; its planes go to the buffer `grey`."""
+        self._enqueue(tile, what, design, k, grey, slice(0, tile.rows))
+
+    def _enqueue(
+        self, tile: PlanarTile, what: str, design: Any, k: int, grey: Any, rows: slice
+    ) -> None:
         b = self.backend
-        more = [np.int32(k)] if what == "image" else []
         file, kernel = _KERNELS[what]
+        more = [np.int32(tile.rows)] * (file == "sequence.cl") + [np.int32(k)] * (what == "image")
         b.kernel(file, kernel)(
-            b.queue, (self.stride // b.widths[file], tile.rows), None,
+            b.queue, (self.stride // b.widths[file], rows.stop - rows.start), None,
             grey, tile.light, tile.footprint, tile.irradiance, design,
             np.int32(self._sub_rays), np.int32(tile.first_row), *more,
+            global_offset=(0, rows.start),
         )  # fmt: skip
+
+    def _slices(self, what: str, station: Station, rows: int) -> Iterator[slice]:
+        """Yield rows that take about a second together, so that Ctrl-C is answered."""
+        if what not in ("mean", "fuse"):
+            yield slice(0, rows)
+            return
+        on_gpu = self.backend.device.type & self.backend.cl.device_type.GPU
+        work = self.stride * station.sequence.images * self._sub_rays
+        work *= _NOISE_COST if station.sensor.noise else 1
+        at_once = max(_AT_ONCE * (_GPU_SPEED if on_gpu else 1) // work, 1)
+        for first in range(0, rows, at_once):
+            yield slice(first, min(first + at_once, rows))
 
     def _copy_home(self, out: NDArray[Any], buffer: Any) -> None:
         """Copy planes (..., rows, stride) of a buffer to out (..., rows, N)."""

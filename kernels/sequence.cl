@@ -45,7 +45,7 @@ DEVICE void exposures(Pixels px, Design d, int first, REAL signal[CHUNK]) {
     px.footprint = footprint;                                                                 \
     px.irradiance = irradiance;                                                               \
     px.sub_rays = sub_rays;                                                                   \
-    px.plane = stride * get_global_size(1);                                                   \
+    px.plane = stride * (size_t)rows;                                                         \
     px.at = get_global_id(1) * stride + get_global_id(0) * WIDTH;                             \
     Design d = *design;                                                                       \
     COUNTER column = TO_COUNTER((float)(get_global_id(0) * WIDTH) + LANES);                   \
@@ -55,7 +55,7 @@ DEVICE void exposures(Pixels px, Design d, int first, REAL signal[CHUNK]) {
 /* Image k of the sequence, in grey levels. */
 __kernel void image_at(__global float *grey, __global const float *light,
                        __global const float *footprint, __global const float *irradiance,
-                       __constant Design *design, int sub_rays, int first_row, int k) {
+                       __constant Design *design, int sub_rays, int first_row, int rows, int k) {
     PIXELS(px, column, row)
     REAL signal = 0.0f;
     for (int i = 0; i < sub_rays; i++) {
@@ -67,7 +67,7 @@ __kernel void image_at(__global float *grey, __global const float *light,
 /* Mean of all images, without holding any. */
 __kernel void mean_of_images(__global float *mean, __global const float *light,
                              __global const float *footprint, __global const float *irradiance,
-                             __constant Design *design, int sub_rays, int first_row) {
+                             __constant Design *design, int sub_rays, int first_row, int rows) {
     PIXELS(px, column, row)
     int images = (int)d.sequence.x;
     REAL sum = 0.0f;
@@ -90,7 +90,7 @@ __kernel void mean_of_images(__global float *mean, __global const float *light,
    m images begin no pair. Deviation by Welford's update, which does not cancel. */
 __kernel void fuse_images(__global float *fused, __global const float *light,
                           __global const float *footprint, __global const float *irradiance,
-                          __constant Design *design, int sub_rays, int first_row) {
+                          __constant Design *design, int sub_rays, int first_row, int rows) {
     PIXELS(px, column, row)
     int images = (int)d.sequence.x, lag = (int)d.sequence.w, pairs = (int)d.noise.w;
     REAL mean = 0.0f, spread = mean, difference = mean;

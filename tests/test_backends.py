@@ -10,6 +10,7 @@ import pytest
 from scenes import check_station
 
 import gpuspec
+from gpuspec import opencl as opencl_module
 from gpuspec.backends import LightMapArrays, chosen, has_closed_form
 from gpuspec.errors import BackendError
 from gpuspec.opencl import OpenCLBackend
@@ -98,6 +99,22 @@ def test_a_device_short_of_memory_works_in_tiles(opencl):
     for light_map in (tiled, some):
         assert np.array_equal(light_map.aspect(), whole.aspect())
         assert np.array_equal(light_map.lost(), whole.lost())
+
+
+@pytest.mark.parametrize("noise", [False, True])
+@pytest.mark.parametrize("subsampling", [1, 2])
+def test_many_images_are_worked_out_in_slices_with_the_same_result_to_the_bit(
+    opencl, monkeypatch, noise, subsampling
+):
+    station = check_station(camera__subsampling=subsampling, sensor__noise=noise)
+    light_map = opencl.trace(station)
+    mean, fused = light_map.mean(), light_map.fuse()
+    work = station.shape[1] * station.sequence.images * subsampling**2
+    monkeypatch.setattr(opencl_module, "_AT_ONCE", 5 * work * (16 if noise else 1))
+    assert len(list(light_map._slices("mean", station, station.shape[0]))) > 2
+    assert np.array_equal(light_map.mean(), mean)
+    for name, image in light_map.fuse().items():
+        assert np.array_equal(image, fused[name])
 
 
 @pytest.mark.parametrize("method", ["trace", "aspect", "read", "lost"])

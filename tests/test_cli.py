@@ -572,6 +572,21 @@ def test_a_device_that_fails_is_said_in_a_sentence(gpuspec_, monkeypatch):
 # ----------------------------------------------------------------------------------- interrupted
 
 
+def test_a_long_calculation_is_stopped_within_seconds(folder):
+    images = ("--set", "sequence.images=100000", "--set", "sensor.noise=true")
+    process = subprocess.Popen(
+        [*PROGRAM, "simulate", "s.toml", *images, "--set", "camera.sampling_mm=0.02"], cwd=folder,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    with pytest.raises(subprocess.TimeoutExpired):  # it would take minutes
+        process.wait(8)
+    process.terminate()
+    _, err = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert err.endswith("stopped; nothing half-written was left.\n")
+    assert hidden(folder) == []
+
+
 @pytest.mark.parametrize(("largest", "backend"), [(4_000, "numpy"), (60_000, "numpy")])
 def test_a_full_disk_leaves_an_earlier_run_whole(folder, largest, backend):
     # A process may write no file larger than this; below, tables fail; above, pictures do.
