@@ -6,8 +6,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, sparse
-from scipy.sparse.linalg import splu
+from scipy import ndimage
 
 Heights = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -106,6 +105,9 @@ def _harmonic(heights: Heights, defined: Mask) -> Heights:
         rows.append(own[unknown])
         columns.append(number[at][unknown])
     off = np.full(sum(map(len, rows[1:])), -1.0)
+    from scipy import sparse  # slow to import
+    from scipy.sparse.linalg import splu
+
     laplace = sparse.csc_matrix(
         (np.concatenate([neighbours, off]), (np.concatenate(rows), np.concatenate(columns)))
     )
