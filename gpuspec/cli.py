@@ -138,9 +138,10 @@ def prototype(
         light = Pattern.read(pattern)
         rendered = made.written(light, plan)
         score = rendered.summary["score"]
+        p1 = words.precision(score["p1"], score["hit_px"] + score["false_px"])
         p2 = "undefined" if score["p2"] is None else f"{score['p2']:.3f}"
         print(
-            f"{light.file}: {words.P1} {score['p1']:.3f}, {words.P2} {p2} ({words.BEST}), "
+            f"{light.file}: {words.P1} {p1}, {words.P2} {p2} ({words.BEST}), "
             f"{score['defects_hit']} of {score['defects']} defects hit, {score['false_blobs']} "
             f"false blobs; {rendered.seconds:.2f} s, results in {where}"
         )
@@ -259,7 +260,7 @@ def _summarise(result: Result, output: Path, chosen: bool) -> None:
         soft_wrap=True,
     )
     print_score(
-        f"{score.p1:.3f}",
+        words.precision(score.p1, score.hit_px + score.false_px),
         f"undefined ({score.undefined})" if score.p2 is None else f"{score.p2:.3f}",
         "-" if score.f1 is None else f"{score.f1:.3f}",
         [

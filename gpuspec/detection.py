@@ -99,8 +99,9 @@ def detection_picture(result: Result) -> Figure:
     sheet = Sheet(WIDTH, max(top + height + 84, bottom + 10) + foot)
     sheet.notes(result.warnings)
     p2, f1 = ("undefined" if v is None else f"{v:.3f}" for v in (score.p2, score.f1))
+    p1 = words.precision(score.p1, score.hit_px + score.false_px)
     sheet.heading(
-        f"Detection: {words.P1} {score.p1:.3f}   {words.P2} {p2}   F1 {f1}   ({words.BEST})",
+        f"Detection: {words.P1} {p1}   {words.P2} {p2}   F1 {f1}   ({words.BEST})",
         essentials(station, result.light_map.pattern),
     )
     unseen = f", {score.unseen:,} unseen" if score.unseen else ""

@@ -19,6 +19,11 @@ LEGEND = f"p1: {P1}; p2: {P2}; f1: of both; {BEST}"
 """Said beside numbers under short names."""
 
 
+def precision(p1: float, detected_px: int) -> str:
+    """Return P1 as it is printed; of no detected pixels it is 1 by definition and says nothing."""
+    return f"{p1:.3f}" if detected_px else "- (nothing detected)"
+
+
 def number(value: float) -> str:
     """Return a key's value as a station file has it, to six digits."""
     text = f"{value:.6g}"

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import re
 from typing import Any
 
 import numpy as np
 import pytest
+from commandline import program
 
 from gpuspec import cautions
 from gpuspec.backends import BESIDE
+from gpuspec.detection import detection_picture
 from gpuspec.inspection import Result, simulate
 from gpuspec.station import Station
+from gpuspec.stationfile import to_toml
 
 DENT = {"kind": "dent", "x_mm": 3.0, "y_mm": -2.0, "diameter_mm": 1.2, "depth_um": 8.0}
 
@@ -271,6 +275,19 @@ def test_keys_without_effect_have_none(opencl):
         changed = one_dent(**{key: value})
         assert np.array_equal(simulate(changed, opencl).aspect, plain)
         assert key in " ".join(cautions.without_effect(changed))
+
+
+@pytest.mark.parametrize("more", [{}, {"defects": []}], ids=str)
+def test_where_nothing_is_detected_every_line_says_so_in_place(tmp_path, more: dict[str, Any]):
+    above = one_dent(**{"segmentation.threshold": 200.0, "camera.sampling_mm": 0.2, **more})
+    (tmp_path / "s.toml").write_text(to_toml(above))
+    ran = program("simulate", "s.toml", "-o", "run", "--no-pictures", cwd=tmp_path)
+    assert re.search(r"precision P1 \(overdetection\) +- \(nothing detected\)", ran.out)
+    assert json.loads((tmp_path / "run/score.json").read_text())["score"]["p1"] == 1.0
+    heading = " ".join(text.get_text() for text in detection_picture(simulate(above)).texts)
+    assert "precision P1 (overdetection) - (nothing detected)" in heading
+    ran = program("prototype", "s.toml", "--pattern", "binary", cwd=tmp_path)
+    assert "precision P1 (overdetection) - (nothing detected), recall" in ran.out
 
 
 def test_what_is_taken_as_ideal_is_told_apart():
