@@ -29,12 +29,16 @@ BY_CHANCE = 0.1
 """Share of the flawless surface detected from which on defects are hit by chance."""
 SAME_SHIFT = 0.01
 """Share of a period within which all shifts lie when the images are as good as equal."""
+FEW_SHIFTS = 8
+"""Distinct shifts of the stripes below which it is said, if they are less than half the images."""
 TWICE = math.tan(math.pi / 6)
 """Slope of the sides of a groove in which light is reflected a second time."""
 
 _DOWN, _PAST, _OPENING = 2, 3, 4
 _GRID = 33  # points along each side of the part, for rays to the tunnel's end
 _EVEN = 0.005  # share of full scale within which an image has no contrast
+_EQUAL = 1e-6  # of a period, between equal shifts
+_DIFFERENCES = "std", "differential"  # fusions that are zero where the images do not differ
 _SHOWN = 5
 
 
@@ -76,13 +80,18 @@ def cautions(
     lit = lost == 0
     said = [*unstated(station), *without_effect(station), *relief.remarks]
     said += of_light(station, lost, truth)
-    said += (
-        of_stripes(station) if light_map.pattern is None else _of_pattern(light_map, lit, aspect)
-    )
+    if light_map.pattern is None:
+        said += of_stripes(station)
+        basic = bool(_of_shifts(station))
+    else:
+        under = _of_pattern(light_map, lit, aspect)
+        said += under
+        basic = bool(under)
     said += _of_view(station)
     said += _of_defects(station, relief, truth, scored, lost)
     if lit.any():
-        said += _of_detection(station, aspect, labels, lit, lost != BESIDE, threshold, scored)
+        valid = lost != BESIDE
+        said += _of_detection(light_map, aspect, lit, valid, threshold, scored, basic=basic)
     return tuple(said)
 
 
@@ -168,24 +177,9 @@ def _listed(words: Sequence[str]) -> str:
 
 def of_stripes(station: Station) -> list[str]:
     """Say where stripes, shifts and exposure cannot give an aspect image."""
-    said = []
-    sequence, period = station.sequence, station.tunnel.period_mm
-    images, step = sequence.images, station.step_mm
-    off = abs(step / period - round(step / period)) * (images - 1)
-    if images == 1:
-        said.append(
-            "sequence.images = 1: one image shows the stripes themselves and their edges count as "
-            "defects; an aspect image takes a sequence over a whole period."
-        )
-    elif off < SAME_SHIFT:
-        whole = round(step / period)
-        by = "a whole period" if whole == 1 else f"{whole} whole periods"
-        why = f"{by if whole else 'next to nothing'}; their period is {period:g} mm"
-        said.append(
-            f"all {images} images are the same: sequence.step_mm = {step:g} moves the stripes by "
-            f"{why}. Leave sequence.step_mm out, and the step is {period / images:.3g} mm."
-        )
-    elif station.distinct_shifts is None:
+    period, images, step = station.tunnel.period_mm, station.sequence.images, station.step_mm
+    said = _of_shifts(station)
+    if not said and station.distinct_shifts is None:
         said.append(
             f"the {images} images cover {images * step / period:.6g} periods of the stripes: the "
             f"flawless level is even only over whole periods. Leave sequence.step_mm out, or "
@@ -193,6 +187,37 @@ def of_stripes(station: Station) -> list[str]:
         )
     said += _unsaturated(station)
     return said
+
+
+def _of_shifts(station: Station) -> list[str]:
+    """Say where there is no sequence: one image, or images that are the same."""
+    period, images, step = station.tunnel.period_mm, station.sequence.images, station.step_mm
+    if images == 1:
+        shows = (
+            f'the "{station.sequence.fusion}" of one image is black'
+            if station.sequence.fusion in _DIFFERENCES
+            else "one image shows the stripes themselves and their edges count as defects"
+        )
+        return [
+            f"sequence.images = 1: {shows}; an aspect image takes a sequence over a whole period."
+        ]
+    way = f"Leave sequence.step_mm out, and the step is {period / images:.3g} mm."
+    if abs(step / period - round(step / period)) * (images - 1) < SAME_SHIFT:
+        whole = round(step / period)
+        by = "a whole period" if whole == 1 else f"{whole} whole periods"
+        why = f"{by if whole else 'next to nothing'}; their period is {period:g} mm"
+        return [
+            f"all {images} images are the same: sequence.step_mm = {step:g} moves the stripes by "
+            f"{why}. {way}"
+        ]
+    shifts = np.round(np.arange(images) * step / period / _EQUAL) % round(1 / _EQUAL)
+    differ = len(np.unique(shifts))
+    if differ < min(FEW_SHIFTS, images / 2):
+        return [
+            f"only {differ} of {images} images differ: sequence.step_mm = {step:g} brings the "
+            f"stripes, of a period of {period:g} mm, back to where they were after {differ}. {way}"
+        ]
+    return []
 
 
 def _unsaturated(station: Station) -> list[str]:
@@ -405,34 +430,38 @@ def _zone_area(defect: KnownDefect) -> float:
 
 
 def _of_detection(
-    station: Station,
+    light_map: LightMap,
     aspect: Image,
-    labels: LabelImage,
     lit: Mask,
     valid: Mask,
     threshold: float,
     scored: Score,
+    *,
+    basic: bool,
 ) -> list[str]:
-    """Say why nothing, or everything, is detected."""
+    """Say why nothing, or everything, is detected; `basic`: a more basic cause was said."""
+    station = light_map.station
     full, automatic = station.sensor.full_scale_dn, station.segmentation.threshold == "auto"
     found = scored.hit_px + scored.false_px
     flawless = int(np.count_nonzero(valid)) - scored.zone_px
     if flawless and scored.false_px > BY_CHANCE * flawless:
         way = (
-            "It is too uneven for any one threshold."
+            " It is too uneven for any one threshold."
             if automatic
-            else 'Raise segmentation.threshold, or set it to "auto".'
+            else ' Raise segmentation.threshold, or set it to "auto".'
         )
         return [
             f"{_percent(scored.false_px / flawless)} of the flawless surface is detected at the "
             f"threshold of {threshold:.4g} DN, so that defects are hit by chance: its median level "
-            f"is {np.median(aspect[lit]):.4g} DN. {way}"
+            f"is {np.median(aspect[lit]):.4g} DN.{'' if basic else way}"
         ]
+    if basic:
+        return []
     brightest = float(np.max(aspect, where=lit, initial=0.0))
     if brightest < full / 255:
         return [
-            f"the image is dark: its brightest pixel has {brightest:.2g} DN of {full}. Raise "
-            f"sensor.exposure, or widen tunnel.luminous_mm."
+            f"the image is dark: its brightest pixel has {brightest:.2g} DN of {full}. "
+            f"{_why_dark(light_map, lit)}"
         ]
     if automatic and threshold >= full:
         return [_why_beyond(station, aspect, lit, threshold)]
@@ -458,20 +487,35 @@ def _of_detection(
     ]
 
 
+def _why_dark(light_map: LightMap, lit: Mask) -> str:
+    station = light_map.station
+    fusion = station.sequence.fusion
+    if fusion in (*_DIFFERENCES, "min"):
+        brightest = float(light_map.image(0)[lit].max())
+        if brightest >= station.sensor.full_scale_dn / 255:
+            if fusion == "min":
+                return 'With sequence.fusion = "min" every pixel has its darkest: take "mean".'
+            lag = " Check sequence.lag." if fusion == "differential" else ""
+            return f'Its images are not, but "{fusion}" finds next to no difference.{lag}'
+    way = "widen tunnel.luminous_mm" if light_map.pattern is None else "make the pattern brighter"
+    return f"Raise sensor.exposure, or {way}."
+
+
 def _why_high(station: Station, aspect: Image, lit: Mask) -> str:
     """Say what keeps an automatic threshold above every defect, and what to change."""
     images, full = station.sequence.images, station.sensor.full_scale_dn
     margins = threshold_margins(aspect, lit, full_scale_dn=full, images=images)
-    most = max(margins.uneven_dn, margins.one_image_dn, margins.floor_dn)
-    if most == margins.one_image_dn:
-        return (
-            f"It leaves room for one image of {images}, {full / images:.3g} DN: take more "
-            f"sequence.images."
-        )
-    if most == margins.uneven_dn:
+    always = max(margins.uneven_dn, margins.floor_dn)  # however many images there are
+    if margins.one_image_dn >= always:
+        if float(aspect[lit].max()) > margins.flawless_dn + always:
+            return (
+                f"It leaves room for one image of {images}, {full / images:.3g} DN: take more "
+                f"sequence.images."
+            )
+    elif margins.uneven_dn >= always:
         return (
             f"It leaves room for an uneven flawless level, of which the spread (robust sigma) is "
-            f"{most / 7:.2g} DN: take more images, over whole periods."
+            f"{always / 7:.2g} DN: take more images, over whole periods."
         )
     return "Only deeper defects would stand out, or another light."
 
@@ -483,10 +527,14 @@ def _why_beyond(station: Station, aspect: Image, lit: Mask, threshold: float) ->
     room = full - margins.flawless_dn
     head = f"the automatic threshold, {threshold:.0f} DN, is beyond full scale and detects nothing"
     if margins.floor_dn >= room:
+        way = (
+            'With sequence.fusion = "max" every pixel has its brightest image: take "mean".'
+            if station.sequence.fusion == "max"
+            else "Lower sensor.exposure, or make the light darker."
+        )
         return (
             f"{head}: the flawless level, {margins.flawless_dn:.1f} DN, is itself at full scale, "
-            f"{full} DN, and leaves no room above it. Lower sensor.exposure, or make the light "
-            f"darker."
+            f"{full} DN, and leaves no room above it. {way}"
         )
     if margins.uneven_dn >= room:
         return (

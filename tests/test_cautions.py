@@ -90,6 +90,38 @@ SAID: dict[str, tuple[dict[str, Any], str]] = {
         {"sequence.step_mm": 1e-4},
         r"all 40 images are the same: .* next to noth",
     ),
+    "a step of half a period": (
+        {"sequence.step_mm": 8.0},
+        r"only 2 of 40 images differ: sequence\.step_mm = 8 .* after 2\. Leave",
+    ),
+    "a step of a third of many periods": (
+        {"sequence.step_mm": 16.0 * 4 / 3},
+        r"only 3 of 40 images differ",
+    ),
+    "the deviation of one image": (
+        {"sequence.images": 1, "sequence.fusion": "std"},
+        r'sequence\.images = 1: the "std" of one image is black; [^.]*period\.$',
+    ),
+    "the deviation of equal images": (
+        {"sequence.step_mm": 16.0, "sequence.fusion": "std"},
+        r"^all 40 images are the same: [^:]*0\.4 mm\.$",
+    ),
+    "stripes instead of an aspect image": (
+        {"sequence.step_mm": 16.0},
+        r"^all 40 images are the same: [^:]*0\.4 mm\.( [^:]* is detected [^:]*: its [^:]* DN\.)?$",
+    ),
+    "the brightest of all images": (
+        {"sequence.fusion": "max"},
+        r'is itself at full scale, .* "max" every pixel has its brightest image: take "mean"\.$',
+    ),
+    "the darkest of all images": (
+        {"sequence.fusion": "min"},
+        r'the image is dark: .* "min" every pixel has its darkest: take "mean"\.$',
+    ),
+    "a defect too faint for any number of images": (
+        {"defects": [{**DENT, "depth_um": 2.0}]},
+        r"nothing is detected, .* DN\. Only deeper defects would stand out, or another light\.$",
+    ),
     "a radius without an arch": (
         {"tunnel.radius_mm": 80.0},
         r'tunnel\.radius_mm = 80 has no effect with tunnel\.section = "ceiling": .* of an arch',
