@@ -22,7 +22,13 @@ from gpuspec.defects import MICRO, Patch, Topography
 from gpuspec.errors import TopographyError
 from gpuspec.form import Heights, Mask, filled, form
 from gpuspec.station import Station
-from gpuspec.topography_checks import check_pitch, check_relief, remarks, without_outliers
+from gpuspec.topography_checks import (
+    check_pitch,
+    check_relief,
+    remarks,
+    steepness,
+    without_outliers,
+)
 from gpuspec.topography_file import brief, read_topography, silence
 
 _VARIANCE_MIN = 1e-9  # points^2; below, smoothing changes nothing
@@ -250,6 +256,7 @@ def _laid(
     said += remarks(station, measured, key, corner)
     rough = filled(heights, defined) - form(heights, defined, topography.form_removed)
     window = np.outer(_fading(ny, taper), _fading(nx, taper))
+    said += steepness(rough, defined, measured, key, corner)
     relief = _smoothed(rough, sigma**2, pitch) * window
     check_relief(relief, measured, says, key, corner)
     zone = _zone(station, topography, key, relief)

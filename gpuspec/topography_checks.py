@@ -14,6 +14,8 @@ from gpuspec.topography_file import SIDE_MIN, Measured
 _SLOPE_MAX = 1.0  # rms; beyond, heights and pitch are not of the same unit
 _ROUNDING_SLOPE_MAX = 1e-5  # rad, of float32 heights over one pitch
 _FEW = 0.05  # of the points may be outliers
+_STEEP = 0.01  # of the map may be steeper than 45 degrees
+_SPIKES = 5  # points that are named as spikes; more are the surface's own
 _COARSE = 8  # pixels between two points, from which on it is said
 
 
@@ -151,6 +153,47 @@ def remarks(
             f"camera.sampling_mm = {sampling:g}; check the unit of its pitch."
         )
     return said
+
+
+def steepness(
+    relief: Heights, defined: Mask, measured: Measured, key: str, corner: tuple[float, float]
+) -> list[str]:
+    """Say what is steeper than 45 degrees, which no mirror is: a few points, or much of the map.
+
+    Parameters
+    ----------
+    relief : ndarray of float64, shape (ny, nx)
+        Without its form and before any smoothing, mm.
+    defined : ndarray of bool, shape (ny, nx)
+        Points that were measured and are kept.
+    """
+    along, down = (
+        np.abs(np.diff(relief, axis=axis)) / p
+        for axis, p in zip((1, 0), measured.pitch_mm, strict=True)
+    )
+    if max((along > 1).mean(), (down > 1).mean()) > _STEEP:
+        return [
+            f"{key}: more than {_percent(_STEEP)} of its map is steeper than 45 degrees, which no "
+            f"mirror is; the heights may be in another unit: check height_unit."
+        ]
+    least = np.full(relief.shape, np.inf)
+    for slopes, axis in ((along, 1), (down, 0)):
+        for before, after in ((0, 1), (1, 0)):
+            pad = [(0, 0), (0, 0)]
+            pad[axis] = before, after
+            least = np.minimum(least, np.pad(slopes, pad, constant_values=np.inf))
+    spikes = (least > 1) & defined
+    count = np.count_nonzero(spikes)
+    if not 0 < count <= _SPIKES:
+        return []
+    away = np.where(spikes, standing_out(relief, defined), 0.0)
+    stand = "one point stands" if count == 1 else f"{count} points stand"
+    furthest = "" if count == 1 else "; the furthest"
+    return [
+        f"{key}: {stand} out, steeper than 45 degrees to all neighbours{furthest}: by "
+        f"{away.max() / MICRO:.4g} um {_place(away, measured, corner)}. {key}.outlier_um = "
+        f"{min(measured.pitch_mm) / MICRO:.3g} leaves out what stands out by more than a pitch."
+    ]
 
 
 def _rms_slope(heights: Heights, pitch: tuple[float, float]) -> float:

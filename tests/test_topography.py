@@ -984,3 +984,31 @@ def test_the_made_surface_is_read_without_a_file(tmp_path, monkeypatch):
     np.save(tmp_path / "polished", np.zeros((4, 4)))
     (tmp_path / "polished.npy").rename(tmp_path / "polished")
     assert "polished" in rejected(station)  # a file of that name comes first
+
+
+def test_a_spike_in_a_map_is_named_with_the_way_to_leave_it_out(tmp_path):
+    heights = np.zeros((200, 200))
+    heights[150, 60] = 0.5
+    np.savetxt(tmp_path / "x.txt", heights)
+    station = relief_station(tmp_path).replace(
+        part__length_mm=10.0, part__width_mm=10.0, camera__sampling_mm=0.05,
+        part__relief={"file": "x.txt", "pitch_um": 50.0, "height_unit": "mm"},
+    )  # fmt: skip
+    (m,) = read_maps(station)
+    assert "part.relief: one point stands out, steeper than 45" in " ".join(m.remarks)
+    assert "in line 151, column 61 of the map" in " ".join(m.remarks)
+    (kept,) = read_maps(station.replace(part__relief__outlier_um=50.0))
+    assert "steeper" not in " ".join(kept.remarks)
+
+
+def test_heights_in_another_unit_are_suspected(tmp_path):
+    heights = 0.02 * np.sin(np.arange(100) / 2)[:, None] * np.ones(100)
+    np.savetxt(tmp_path / "x.txt", heights)
+    station = relief_station(tmp_path).replace(
+        part__length_mm=1.0, part__width_mm=1.0,
+        part__relief={"file": "x.txt", "pitch_um": 9.0, "height_unit": "mm"},
+    ).replace(part__length_mm=0.9, part__width_mm=0.9)  # fmt: skip
+    (m,) = read_maps(station)
+    assert "heights may be in another unit: check height_unit" in " ".join(m.remarks)
+    (m,) = read_maps(station.replace(part__relief__height_unit="um"))
+    assert "steeper" not in " ".join(m.remarks)
