@@ -400,10 +400,7 @@ def _of_defects(
             f"the smallest zone has {min(sizes):.2g} mm2."
         )
     if scored.unseen:
-        said.append(
-            f"{scored.unseen} of {scored.defects} defects have no pixel of their own in the image: "
-            f"outside the field, smaller than camera.sampling_mm, or under another."
-        )
+        said.append(_unseen(scored.unseen, scored.defects))
     grooves = relief.grooves
     slope = np.abs(grooves.depth) / grooves.sigma / math.sqrt(math.e)
     steep = len(np.unique(grooves.owner[slope > TWICE]))
@@ -420,6 +417,32 @@ def _of_defects(
             f"flawless level, a median, is then that of defects. Take fewer or smaller ones."
         )
     return said
+
+
+def _unseen(unseen: int, defects: int) -> str:
+    return (
+        f"{unseen} of {defects} defects have no pixel of their own in the image: "
+        f"outside the field, smaller than camera.sampling_mm, or under another."
+    )
+
+
+def out_of_view(station: Station, parts: int, seen: int) -> list[str]:
+    """Say how many of the known defects no image has, where the station alone tells their number.
+
+    Parameters
+    ----------
+    station : Station
+    parts : int
+        Number of parts.
+    seen : int
+        Defects with a pixel in view, of all parts.
+    """
+    counts = [population.count for population in station.populations]
+    measured = station.part.relief or any(d.kind == "measured" for d in station.defects)
+    if measured or None in counts:
+        return []
+    known = parts * (len(station.defects) + sum(count or 0 for count in counts))
+    return [_unseen(known - seen, known)] if seen < known else []
 
 
 def _zone_area(defect: KnownDefect) -> float:

@@ -21,6 +21,7 @@ from PIL import Image
 
 import gpuspec
 from gpuspec.errors import OutputError, StationError
+from gpuspec.inspection import simulate
 from gpuspec.opencl import OpenCLBackend
 from gpuspec.station import Station
 from gpuspec.sweeps import diagrams
@@ -486,6 +487,15 @@ def test_front_says_how_many_defects_can_be_hit(tmp_path: Path, opencl: OpenCLBa
     assert "no design hits all 2 defects; the most is 1" in choice.shortfall
     assert "--hit-share 0.5" in choice.shortfall
     assert choose(run, Rule(hit_share=0.5, p2_floor=0)).shortfall is None
+
+
+def test_front_says_how_many_defects_no_image_has(tmp_path: Path, opencl: OpenCLBackend) -> None:
+    (dent,) = Station.parse(STATION, "s.toml").defects
+    under = Station.parse(STATION, "s.toml").replace(defects=[dent, dent])
+    assert simulate(under, opencl).score.unseen == 1
+    run = sweep(Plan.of(under, {"sensor.exposure": [2, 4]}), tmp_path / "run", opencl)
+    told = [note for note in choose(run).notes if "no pixel of their own" in note]
+    assert told[0].startswith("1 of 2 defects")
 
 
 def test_front_of_an_unfinished_sweep_says_what_is_missing(

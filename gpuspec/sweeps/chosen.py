@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.compute
 from numpy.typing import NDArray
 
-from gpuspec.cautions import BY_CHANCE, without_effect
+from gpuspec.cautions import BY_CHANCE, out_of_view, without_effect
 from gpuspec.errors import OutputError, StationError
 from gpuspec.levels import thresholds
 from gpuspec.shown import object_of
@@ -171,19 +171,24 @@ class Choice:
             lines = (row["notes"] or "").splitlines()
         except OutputError:  # a table of before there was this column: the others were read
             lines = []
-        return [*lines, *self._by_chance(), *without_effect(self.plan.station_of(self.best.design))]
+        plan, station = self.plan, self.plan.station_of(self.best.design)
+        (row,) = rows_of(self.run, [self.best.design], ("zone_px", "defects")).to_pylist()
+        return [
+            *lines,
+            *out_of_view(station, plan.parts, row["defects"]),
+            *self._by_chance(station, row["zone_px"]),
+            *without_effect(station),
+        ]
 
-    def _by_chance(self) -> list[str]:
+    def _by_chance(self, station: Station, zone_px: int) -> list[str]:
         """Say so where the chosen design detects so much that defects are hit by chance."""
         best, plan = self.best, self.plan
-        (row,) = rows_of(self.run, [best.design], ("zone_px",)).to_pylist()
-        hit = best.p2 * row["zone_px"]
+        hit = best.p2 * zone_px
         if not (hit and best.p1):
             return []
-        station = plan.station_of(best.design)
         p, (m, n), part = station.camera.sampling_mm, station.shape, station.part
         pixels = min(part.width_mm / p, m) * min(part.length_mm / p, n) * plan.parts
-        share = hit * (1 / best.p1 - 1) / max(pixels - row["zone_px"], 1)
+        share = hit * (1 / best.p1 - 1) / max(pixels - zone_px, 1)
         if share <= BY_CHANCE:
             return []
         return [

@@ -124,7 +124,7 @@ def _note_lists(station: Station, plan: Plan) -> None:
 
 
 def _print(found: Optimum, done: int, seconds: float) -> None:
-    from gpuspec.cautions import without_effect
+    from gpuspec.cautions import out_of_view, without_effect
     from gpuspec.sweeps.choice import f1_of
     from gpuspec.tables import print_score, print_table
 
@@ -140,7 +140,8 @@ def _print(found: Optimum, done: int, seconds: float) -> None:
             f"note: {len(invalid)} trials are no valid station, e.g.: {invalid[0]}", soft_wrap=True
         )
     tried = found.plan.station.replace(**best.values)
-    print_notes([*(best.notes or "").splitlines(), *without_effect(tried)])
+    hidden = out_of_view(tried, found.plan.parts, best.defects or 0)
+    print_notes([*(best.notes or "").splitlines(), *hidden, *without_effect(tried)])
     rows = [(key, words.number(value)) for key, value in best.values.items()]
     print_table(rows, title=f"best trial, number {found.best + 1}", framed=False)
     print_score(
