@@ -442,3 +442,11 @@ def test_images_beyond_the_disk_are_refused(tmp_path):
     prototype.planned(station, tmp_path / "run", Path("binary"), str(tmp_path / "look.gif"))
     with pytest.raises(OutputError, match=r"100,000 images of 10,000 x 5,000 pixels need about"):
         prototype.planned(station, tmp_path / "run", Path("binary"), str(tmp_path / "images"))
+
+
+@pytest.mark.parametrize("body", ["return 0.0;", "return 1.0;"])
+def test_an_even_pattern_is_cause_enough(traced, body: str):
+    notes = " ".join(traced.result(traced.light_map.with_pattern(pattern(body))).warnings)
+    assert "the aspect image is even" in notes
+    assert "sensor.exposure" not in notes
+    assert "darker" not in notes
