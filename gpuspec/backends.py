@@ -9,6 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass
+from operator import index
 from typing import Any
 
 import numpy as np
@@ -137,6 +138,7 @@ class LightMap(ABC):
         """
         if station is None or station is self.station:
             return self.station
+        station = Station.of(station)
         differ = _differing(self.station, station)
         if differ:
             raise StationError(
@@ -154,13 +156,16 @@ class LightMap(ABC):
             If it is none.
         """
         images = station.sequence.images
-        whole = hasattr(k, "__index__") and not isinstance(k, (bool, np.bool_))
-        if not whole or not 0 <= k < images:
+        try:
+            number = -1 if isinstance(k, (bool, np.bool_)) else index(k)
+        except TypeError:  # arrays, too
+            number = -1
+        if not 0 <= number < images:
             raise StationError(
                 f"{station.file}: there is no image {k!r}; sequence.images = {images}, numbered "
                 f"0 to {images - 1}."
             )
-        return int(k)
+        return number
 
     @abstractmethod
     def read(self) -> LightMapArrays:

@@ -193,9 +193,7 @@ def simulate(
     BackendError
         If the backend is absent or fails.
     """
-    if not isinstance(station, Station):
-        station = Station.read(station)
-    return trace(station, backend, device, progress).result(progress=progress)
+    return trace(Station.of(station), backend, device, progress).result(progress=progress)
 
 
 @dataclass(frozen=True)

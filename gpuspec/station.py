@@ -355,6 +355,17 @@ class Station(Section):
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
     @classmethod
+    def of(cls, given: Station | str | Path) -> Station:
+        """Return a station as it is, or read it if a path is given.
+
+        Raises
+        ------
+        StationError
+            As :meth:`read`.
+        """
+        return given if isinstance(given, cls) else cls.read(given)  # type: ignore[arg-type]
+
+    @classmethod
     def read(cls, path: str | Path) -> Station:
         """Read a station from a TOML file.
 
@@ -372,6 +383,11 @@ class Station(Section):
         StationError
             File missing, not TOML, unknown key or impossible value; one sentence for each.
         """
+        if not isinstance(path, (str, Path)):
+            raise StationError(
+                f"a station is a Station or the path of its file, not {type(path).__name__}; "
+                f"Station.from_dict makes one of a dictionary."
+            )
         path = Path(path)
         try:
             text = path.read_bytes().decode("utf-8-sig")
@@ -379,6 +395,8 @@ class Station(Section):
             raise StationError(
                 f"{path}: no such station file; `gpuspec init` writes one to start from."
             ) from None
+        except IsADirectoryError:
+            raise StationError(f"{path} is a folder; name a station file in it.") from None
         except (OSError, UnicodeDecodeError) as error:
             raise StationError(f"{path}: cannot be read as UTF-8 text ({error}).") from None
         station = cls.parse(text, path.name, path.resolve().parent)

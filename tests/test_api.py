@@ -172,3 +172,44 @@ def test_a_light_map_shows_its_aspect_image(result):
     with Image.open(io.BytesIO(result.light_map._repr_png_())) as picture:
         grey = np.asarray(picture).astype(float)
     np.testing.assert_allclose(grey, np.clip(result.aspect, 0, 255), atol=1)
+
+
+@pytest.mark.parametrize("wrong", [None, {"a": 1}, b"t.toml", np.zeros(2)])
+def test_what_is_no_station_is_refused_in_a_sentence(wrong):
+    for call in (gpuspec.simulate, Station.read, gpuspec.Plan.of):
+        with pytest.raises(StationError, match="a station is a Station or the path of its file"):
+            call(wrong)
+
+
+def test_a_path_is_taken_wherever_a_station_is(run, result, tmp_path):
+    path = tmp_path / "small.toml"
+    path.write_text(gpuspec.to_toml(Station.from_dict(SMALL)), encoding="utf-8")
+    assert gpuspec.Plan.of(str(path), {"tunnel.luminous_mm": "2:4:3"}).designs == 3
+    assert gpuspec.search_plan(path, {"tunnel.luminous_mm": "2:4"}).designs == 2
+    with pytest.raises(StationError, match="nothing to vary"):
+        gpuspec.sweep(str(path), tmp_path / "sweep")
+    np.testing.assert_array_equal(result.light_map.aspect(str(path)), result.aspect)
+    assert "blind" in repr(gpuspec.study("coverage", path, backend="numpy"))
+    assert gpuspec.front(str(run.path)).best == gpuspec.front(run).best
+    with pytest.raises(gpuspec.GpuspecError, match="a sweep is a RunFolder or the path"):
+        gpuspec.front(None)
+
+
+@pytest.mark.parametrize("vary", [{5: [1]}, {"sequence.images": None}, ["tunnel.dark_mm=1,2"]])
+def test_what_cannot_be_varied_is_refused_in_a_sentence(vary):
+    with pytest.raises(StationError, match=r"dictionary of keys|not a list of numbers"):
+        gpuspec.Plan.of(Station.from_dict(SMALL), vary)
+
+
+def test_a_rule_and_an_image_number_are_checked(result):
+    with pytest.raises(StationError, match="p2_floor is 'x'; it must be a number from 0 to 1"):
+        gpuspec.Rule(p2_floor="x")
+    with pytest.raises(StationError, match="there is no image"):
+        result.light_map.image(np.array([1, 2]))
+    np.testing.assert_array_equal(result.light_map.image(np.int64(1)), result.light_map.image(1))
+
+
+@pytest.mark.parametrize("folder", ["", "."])
+def test_a_folder_in_place_of_a_station_file_is_named_as_one(folder):
+    with pytest.raises(StationError, match="is a folder; name a station file in it"):
+        Station.read(folder)

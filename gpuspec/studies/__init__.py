@@ -12,21 +12,23 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from gpuspec.station import Station
     from gpuspec.studies.outcome import Outcome
 
 STUDIES = ("signature", "height", "coverage", "tolerance")
 
 
-def study(name: str, station: Station | None = None, **options: Any) -> Outcome:
+def study(name: str, station: Station | str | Path | None = None, **options: Any) -> Outcome:
     """Run a study by its name.
 
     Parameters
     ----------
     name : str
         One of ``STUDIES``.
-    station : Station, optional
-        Only ``signature`` does without.
+    station : Station, str or Path, optional
+        Or the path of a station file. Only ``signature`` does without.
     **options
         What the study of that name takes, e.g. ``steps=9`` of ``tolerance``.
 
@@ -47,6 +49,9 @@ def study(name: str, station: Station | None = None, **options: Any) -> Outcome:
         raise StationError(f"there is no study {name!r}; choose one of {', '.join(STUDIES)}.")
     if station is None and name != "signature":
         raise StationError(f"the study of {name} needs a station.")
+    from gpuspec.station import Station
+
+    station = None if station is None else Station.of(station)
     found: Outcome = import_module(f"gpuspec.studies.{name}").study(station, **options)
     return found
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import types
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
@@ -51,6 +51,21 @@ class Axis:
     def retraces(self) -> bool:
         """Whether another value needs another light map."""
         return not (self.key in DESIGN_KEYS or self.key.split(".")[0] in DESIGN_SECTIONS)
+
+
+def varied(vary: Mapping[str, Any]) -> dict[str, Any]:
+    """Return keys and what they take, checked to be a mapping of words.
+
+    Raises
+    ------
+    StationError
+        If it is none.
+    """
+    if not isinstance(vary, Mapping) or not all(isinstance(key, str) for key in vary):
+        raise StationError(
+            'what is varied is a dictionary of keys, e.g. {"tunnel.luminous_mm": "1:12:23"}.'
+        )
+    return dict(vary)
 
 
 def axis(station: Station, key: str, given: str | float | Sequence[float]) -> Axis:
@@ -203,7 +218,7 @@ def _range(key: str, given: str) -> list[float]:
 
 def _list(key: str, given: str | float | Sequence[float], how: str = _HOW) -> list[float]:
     entries = given.split(",") if isinstance(given, str) else given
-    entries = [entries] if isinstance(entries, (int, float)) else entries
+    entries = entries if isinstance(entries, Iterable) else [entries]
     values = []
     for entry in entries:
         try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any, Literal
 
 import numpy as np
@@ -48,8 +49,9 @@ class Rule:
         if self.goal not in GOALS:
             raise StationError(f"the goal {self.goal!r} is not known; choose {', '.join(GOALS)}.")
         for name in ("p2_floor", "p1_floor", "hit_share"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise StationError(f"{name} is {getattr(self, name):g}; it must be 0 to 1.")
+            value = getattr(self, name)
+            if not isinstance(value, Real) or not 0 <= float(value) <= 1:
+                raise StationError(f"{name} is {value!r}; it must be a number from 0 to 1.")
 
     def required(self, seen: int) -> int:
         """Return how many of the defects that can be seen must be hit."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -215,7 +216,9 @@ class Choice:
 
 
 def choose(
-    run: RunFolder, rule: Rule | None = None, also: Callable[[pa.Table], None] | None = None
+    run: RunFolder | str | Path,
+    rule: Rule | None = None,
+    also: Callable[[pa.Table], None] | None = None,
 ) -> Choice:
     """Choose from the designs that a sweep's folder holds; one file is held at a time.
 
@@ -224,7 +227,8 @@ def choose(
 
     Parameters
     ----------
-    run : RunFolder
+    run : RunFolder, str or Path
+        Or the path of a sweep's folder.
     rule : Rule, optional
     also : callable, optional
         Told the `COLUMNS` of every file, in their order.
@@ -236,6 +240,7 @@ def choose(
     StationError
         If none of the designs is a valid station.
     """
+    run = run if isinstance(run, RunFolder) else RunFolder.read(run)
     rule = rule or Rule()
     defects = most_defects(run)
     front = Front()

@@ -20,7 +20,7 @@ from gpuspec.files import Outputs, folder_of, write_new
 from gpuspec.levels import thresholds
 from gpuspec.shown import object_of
 from gpuspec.station import Station
-from gpuspec.sweeps.axes import VARY_BETWEEN, bounds
+from gpuspec.sweeps.axes import VARY_BETWEEN, bounds, varied
 from gpuspec.sweeps.bench import notes_of
 from gpuspec.sweeps.choice import Rule
 from gpuspec.sweeps.curves import Curves
@@ -91,14 +91,17 @@ class Optimum:
 
 
 def plan_of(
-    station: Station, vary: Mapping[str, Any] | None = None, parts: int | None = None
+    station: Station | str | Path,
+    vary: Mapping[str, Any] | None = None,
+    parts: int | None = None,
 ) -> Plan:
     """Return the bounds of a search as a plan with the two ends of each key.
 
     Parameters
     ----------
-    station : Station
-        Its ``[sweep]`` table is taken where the other parameters are None.
+    station : Station, str or Path
+        Or the path of a station file. Its ``[sweep]`` table is taken
+        where the other parameters are None.
     vary : mapping of str to str, number or list, optional
         Keys and what :func:`gpuspec.sweeps.axes.bounds` takes, e.g. ``"1:12"`` or ``[1, 12]``.
     parts : int, optional
@@ -109,8 +112,8 @@ def plan_of(
     StationError
         As for a sweep, see :meth:`Plan.of`.
     """
-    if vary is None:
-        vary = station.sweep.vary if station.sweep else {}
+    station = Station.of(station)
+    vary = varied(vary if vary is not None else station.sweep.vary if station.sweep else {})
     if not vary:
         raise StationError(
             f"{station.file}: nothing to vary; give --vary {VARY_BETWEEN}, or a table "

@@ -7,13 +7,14 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 from gpuspec import __version__
 from gpuspec.errors import StationError
 from gpuspec.station import Station, places
 from gpuspec.stationfile import to_toml
-from gpuspec.sweeps.axes import Axis, axis
+from gpuspec.sweeps.axes import Axis, axis, varied
 
 # From one part to the next; odd, so that seeds repeat after 2^32 parts, and no small multiple of it
 # is near another: populations with seeds 1 and 2 never meet.
@@ -55,7 +56,7 @@ class Plan:
     @classmethod
     def of(
         cls,
-        station: Station,
+        station: Station | str | Path,
         vary: Mapping[str, Any] | None = None,
         parts: int | None = None,
         samples: int = 0,
@@ -64,8 +65,9 @@ class Plan:
 
         Parameters
         ----------
-        station : Station
-            Its ``[sweep]`` table is taken where the other parameters are None.
+        station : Station, str or Path
+            Or the path of a station file. Its ``[sweep]`` table is taken
+            where the other parameters are None.
         vary : mapping of str to str, number or list, optional
             Keys and what :func:`gpuspec.sweeps.axes.axis` takes.
         parts : int, optional
@@ -78,8 +80,9 @@ class Plan:
         StationError
             Nothing to vary or to detect, a wrong key or range, or too many designs.
         """
+        station = Station.of(station)
         table = station.sweep
-        vary = dict(vary if vary is not None else table.vary if table else {})
+        vary = varied(vary if vary is not None else table.vary if table else {})
         parts = parts if parts is not None else table.parts if table else 1
         if not vary:
             raise StationError(

@@ -14,6 +14,7 @@ import pyarrow as pa
 from gpuspec.backends import Backend
 from gpuspec.devices import open_backend
 from gpuspec.files import folder_of
+from gpuspec.station import Station
 from gpuspec.sweeps.bench import Bench
 from gpuspec.sweeps.front import Front
 from gpuspec.sweeps.plan import Plan
@@ -64,7 +65,7 @@ class Alone:
 
 
 def sweep(
-    plan: Plan,
+    plan: Plan | Station | str | Path,
     folder: str | Path,
     backend: str | Backend = "auto",
     device: str | None = None,
@@ -75,7 +76,8 @@ def sweep(
 
     Parameters
     ----------
-    plan : Plan
+    plan : Plan, Station, str or Path
+        A station, or the path of its file, has its ``[sweep]`` table for a plan.
     folder : str or Path
         Of a new sweep, or of this one to go on with.
     backend : str or Backend
@@ -99,6 +101,7 @@ def sweep(
     BackendError
         If the device is absent or fails.
     """
+    plan = plan if isinstance(plan, Plan) else Plan.of(plan)
     folder = folder_of(folder)
     tell = progress or (lambda *_: None)
     RunFolder(folder, plan).check_folder()

@@ -67,6 +67,10 @@ class RunFolder:
         OutputError
             If there is none.
         """
+        if not isinstance(path, (str, Path)):
+            raise OutputError(
+                f"a sweep is a RunFolder or the path of its folder, not {type(path).__name__}."
+            )
         path = Path(path)
         try:
             return cls(path, Plan.from_identity(_identity_in(path)))
