@@ -135,6 +135,7 @@ class Outputs:
             if self.folder.is_dir():
                 with _alone(self.folder):
                     self._check_folder()
+            _try_writing(self.folder, above)
 
     def apart(self) -> Outputs:
         """Return these outputs in the first of folder, folder-2 ... with nothing in the way.
@@ -334,9 +335,9 @@ def folder_of(given: str | Path) -> Path:
     Raises
     ------
     OutputError
-        If the name is empty, which Python takes for the current folder.
+        If the name is empty or blank, which Python takes for the current folder.
     """
-    if given == "":
+    if not str(given).strip():
         raise OutputError("the folder for results has no name; write -o . for the current folder.")
     return Path(given)
 
@@ -462,6 +463,14 @@ def _nearest(folder: Path) -> Path:
     raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
 
 
+def _try_writing(folder: Path, above: Path) -> None:
+    """Make what is missing of a folder once, hidden, and remove it; OSError if it cannot be."""
+    with tempfile.TemporaryDirectory(prefix=f"{_PREFIX}{os.getpid()}-", dir=above) as trial:
+        missing = folder.absolute().relative_to(above).parts
+        if ".." not in missing:
+            Path(trial, *missing).mkdir(parents=True, exist_ok=True)
+
+
 def _same(path: Path, other: Path) -> bool:
     """Whether two names are of one file, through links too."""
     try:
@@ -478,9 +487,11 @@ def _told(folder: Path) -> Iterator[None]:
     except OSError as error:
         # NumPy reports a short write without its reason.
         reason = error.strerror or f"the disk may be full ({error})"
+        full = error.errno in (None, errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+        way = "Free some space or choose" if full else "Choose"
         raise OutputError(
-            f"results cannot be written to {folder}: {reason}. Free some space or choose another "
-            f"folder with -o; nothing half-written was left."
+            f"results cannot be written to {folder}: {reason}. {way} another folder "
+            f"with -o; nothing half-written was left."
         ) from None
 
 

@@ -21,7 +21,7 @@ from test_topography import polished, write_sur
 import gpuspec
 from gpuspec import figures, files, report
 from gpuspec.errors import OutputError
-from gpuspec.files import MANIFEST, Outputs, digest
+from gpuspec.files import MANIFEST, Outputs, digest, folder_of
 from gpuspec.inspection import Result, simulate
 from gpuspec.opencl import OpenCLBackend
 from gpuspec.reference import NumpyBackend
@@ -596,3 +596,16 @@ def test_images_beyond_the_disk_are_refused_before_any_work(tmp_path):
     report.outputs(station, tmp_path / "run").check()
     with pytest.raises(OutputError, match=r"100,000 images of 12,000 x 6,000 pixels need about"):
         report.outputs(station, tmp_path / "run", frames=True).check()
+
+
+@pytest.mark.parametrize("name", ["a" * 300, "/proc/foo"])
+def test_a_folder_that_cannot_be_made_is_refused_before_the_work(tmp_path, name):
+    with pytest.raises(OutputError, match="cannot be written to") as refused:
+        Outputs(tmp_path / name, "run", ("score.json",)).check()
+    assert "space" not in str(refused.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_blank_name_of_a_folder_is_refused():
+    with pytest.raises(OutputError, match="has no name"):
+        folder_of("   ")
