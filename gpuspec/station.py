@@ -396,7 +396,7 @@ class Station(Section):
                 f"{path}: no such station file; `gpuspec init` writes one to start from."
             ) from None
         except IsADirectoryError:
-            raise StationError(f"{path} is a folder; name a station file in it.") from None
+            raise StationError(f"{path}: this is a folder; name a station file in it.") from None
         except (OSError, UnicodeDecodeError) as error:
             raise StationError(f"{path}: cannot be read as UTF-8 text ({error}).") from None
         station = cls.parse(text, path.name, path.resolve().parent)
@@ -643,9 +643,11 @@ class Station(Section):
                 f"tunnel.height_mm = {tunnel.height_mm:g} must be above the part's highest "
                 f"point, {high:g}"
             )
+        if tunnel.section == "box" and tunnel.width_mm is None:
+            raise ValueError('tunnel.width_mm is missing: section = "box" needs it')
         if tunnel.section == "box" and (tunnel.width_mm or 0) <= part.width_mm:
             raise ValueError(
-                f"tunnel.width_mm = {tunnel.width_mm if tunnel.width_mm else 'none'} must be "
+                f"tunnel.width_mm = {tunnel.width_mm:g} must be "
                 f'larger than part.width_mm = {part.width_mm:g} when section = "box"'
             )
         if camera.height_mm <= tunnel.top_mm:

@@ -196,6 +196,8 @@ def _grid(topography: Topography, path: Path, says: str, points: int) -> _Grid:
     if is_made(topography.file, path):
         made = surface(topography.file)
         return _Grid(made.heights_mm, "mm", (made.pitch_mm, made.pitch_mm))
+    if path.is_dir():
+        raise TopographyError(f"{says} is a folder; name a file in it.")
     if not path.is_file():
         raise TopographyError(f"{says} is not there; looked for {path}.")
     kind = path.suffix.lower()

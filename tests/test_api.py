@@ -213,3 +213,10 @@ def test_a_rule_and_an_image_number_are_checked(result):
 def test_a_folder_in_place_of_a_station_file_is_named_as_one(folder):
     with pytest.raises(StationError, match="is a folder; name a station file in it"):
         Station.read(folder)
+
+
+def test_a_folder_in_place_of_a_relief_is_named_as_one():
+    relief = {"file": ".", "height_unit": "um", "pitch_um": 1.0}
+    station = Station.from_dict(SMALL | {"part": SMALL["part"] | {"relief": relief}})
+    with pytest.raises(gpuspec.GpuspecError, match="is a folder; name a file in it"):
+        gpuspec.simulate(station, "numpy")

@@ -259,11 +259,11 @@ WRONG = {
     ),
     "box without width": (
         '[tunnel]\nsection = "box"',
-        "tunnel.width_mm = none must be larger than part.width_mm = 50 when section",
+        'tunnel.width_mm is missing: section = "box" needs it.',
     ),
     "box narrower than the part": (
         '[tunnel]\nsection = "box"\nwidth_mm = 50',
-        "tunnel.width_mm = 50.0 must be larger than part.width_mm = 50 when section",
+        "tunnel.width_mm = 50 must be larger than part.width_mm = 50 when section",
     ),
     "arch without radius": (
         '[tunnel]\nsection = "arch"',
@@ -844,3 +844,8 @@ def test_a_size_left_to_the_map_is_written_as_such_for_a_file_to_start_from():
     assert start.as_dict() == station.as_dict()
     assert start.sides_of_map == ("length_mm", "width_mm")
     assert Station.parse(to_toml(station)).sides_of_map == ()
+
+
+def test_a_box_without_its_width_is_asked_for_it():
+    with pytest.raises(StationError, match='width_mm is missing: section = "box" needs it'):
+        Station.from_dict({"tunnel": {"section": "box"}})
