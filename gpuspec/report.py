@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec import __version__, words
+from gpuspec.errors import OutputError
 from gpuspec.files import Outputs, Space, folder_of
 from gpuspec.inspection import Result
 from gpuspec.station import Station
@@ -53,6 +54,12 @@ def outputs(
     also_read : tuple of Path
         Files that are never replaced, beside the station's own.
     """
+    for name in ("sweep.json", "optimise.json"):
+        if (Path(folder) / name).is_file():
+            raise OutputError(
+                f"{folder} is the folder of {'a sweep' if name == 'sweep.json' else 'a search'}, "
+                f"not of a run; choose another folder with -o."
+            )
     names = (*FILES, PATTERN, *copies(station, "station").values())
     read = (*station.inputs, *also_read)
     space = _space(station, frames=frames)

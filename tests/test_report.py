@@ -609,3 +609,10 @@ def test_a_folder_that_cannot_be_made_is_refused_before_the_work(tmp_path, name)
 def test_a_blank_name_of_a_folder_is_refused():
     with pytest.raises(OutputError, match="has no name"):
         folder_of("   ")
+
+
+@pytest.mark.parametrize("name", ["sweep.json", "optimise.json"])
+def test_a_run_is_not_written_into_the_folder_of_a_sweep_or_search(tmp_path, name):
+    (tmp_path / name).touch()
+    with pytest.raises(OutputError, match="not of a run; choose another folder"):
+        report.outputs(Station.from_dict({}), tmp_path)

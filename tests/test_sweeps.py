@@ -446,7 +446,7 @@ def test_two_sweeps_are_never_mixed(station, opencl, tmp_path):
         "tunnel.dark_mm is not varied there and 3 here":
             Plan.of(station, {**GRID, "tunnel.dark_mm": "3"}),
         "parts is 1 there and 2 here": Plan.of(station, GRID, parts=2),
-        "samples is 0 there and 50 here": Plan.of(station, GRID, samples=50),
+        "pixels of --screen is 0 there and 50 here": Plan.of(station, GRID, samples=50),
         "the station has sampling_mm = 0.1 there and sampling_mm = 0.2 here":
             Plan.of(station.replace(**{"camera.sampling_mm": 0.2}), GRID),
     }  # fmt: skip

@@ -330,7 +330,8 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
             said.append(f"{name} is {_values(was)} there and {_values(now)} here")
     for name in ("parts", "samples", "gpuspec"):
         if old[name] != new[name]:
-            said.append(f"{name} is {old[name]} there and {new[name]} here")
+            shown = "the number of pixels of --screen" if name == "samples" else name
+            said.append(f"{shown} is {old[name]} there and {new[name]} here")
     for name in sorted({*old["files"], *new["files"]}):
         if old["files"].get(name) != new["files"].get(name):
             said.append(f"{name} holds something else than there")
