@@ -213,7 +213,7 @@ def histogram_picture(result: Result) -> Figure:
     full = result.station.sensor.full_scale_dn
     low, high = float(result.aspect.min()), float(result.aspect.max())
     low = min(low, result.flawless_dn)
-    high = max(high, result.threshold)
+    high = max(high, min(result.threshold, full))
     margin = max(0.04 * (high - low), 0.005 * full)
     low, high = max(low - margin, 0), min(high + margin, full)
     bins = 240
@@ -251,7 +251,8 @@ def histogram_picture(result: Result) -> Figure:
     ax.yaxis.set_minor_formatter(NullFormatter())
     ax.yaxis.set_major_formatter(FuncFormatter(lambda count, _: f"{count:,.0f}"))
     ax.set(
-        xlim=(low, high),
+        # The threshold is seen wherever it lies, beyond every grey level, too.
+        xlim=(min(low, result.threshold - margin), max(high, result.threshold + margin)),
         ylim=(0.5, 3 * max(outside.max(), inside.max(), 1)),
         xlabel="grey level, DN",
     )

@@ -257,12 +257,12 @@ def grey_range(result: Result) -> tuple[float, float]:
 
 
 def range_up_to(high: float, result: Result, least: float) -> tuple[float, float]:
-    """Return a range that ends past the threshold and `least` of full scale above flawless: an
-    even image is not to look rough.
+    """Return a range that ends past the threshold and `least` of full scale above flawless, for
+    an even image is not to look rough; but never past full scale, which is white.
     """
     flawless, full = result.flawless_dn, result.station.sensor.full_scale_dn
-    high = max(high, result.threshold, flawless + least * full)
-    return max(0.0, flawless - (high - flawless) / 2), high
+    high = max(high, min(result.threshold, full), flawless + least * full)
+    return max(0.0, flawless - (high - flawless) / 2), min(high, full)
 
 
 def millimetres(ax: Axes) -> None:
