@@ -142,7 +142,7 @@ def _handles(station: Station, side: RayPaths, front: RayPaths) -> list[Any]:
         Line2D([], [], color=SEEN, linewidth=1.2, label="ray, camera to light"),
     ]
     if reasons:
-        why = ", ".join(LOST[i] for i in reasons)
+        why = ", ".join(LOST[i].partition(",")[0] for i in reasons)  # "reflected down" says enough
         handles.append(Line2D([], [], color=LOST_RAY, linestyle="--", label=f"lost ray: {why}"))
     return handles
 

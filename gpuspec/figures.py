@@ -85,10 +85,12 @@ def sequence_strip(result: Result, count: int = 6) -> Figure:
     pitch = max(width, CAPTION_PX) + 24
     left = max(MARGIN, (WIDTH - columns * pitch + 24) / 2)
     sheet = Sheet(WIDTH, 76 + rows * (height + 34) + 76)
-    period = station.tunnel.period_mm
+    period, pattern = station.tunnel.period_mm, result.light_map.pattern
+    moves = f"the tunnel moves along x, one period of {period:g} mm"
+    if pattern:  # whose period may be another
+        moves = f"the tunnel moves {period:g} mm (tunnel.luminous_mm + dark_mm)"
     sheet.heading(
-        f"{len(chosen)} of {station.sequence.images} images: the tunnel moves along x, "
-        f"one period of {period:g} mm",
+        f"{len(chosen)} of {station.sequence.images} images: {moves}",
         essentials(station, result.light_map.pattern),
     )
     full = station.sensor.full_scale_dn
@@ -277,7 +279,7 @@ def lost_picture(result: Result) -> Figure:
     on_part = result.lost.size - counts[BESIDE]
     sheet.heading(
         f"Light is seen on {_share(counts[0], on_part)} of the part in view",
-        f"{essentials(station, result.light_map.pattern)}  ·  shares of the image:",
+        f"{essentials(station, result.light_map.pattern)}  (shares of the image)",
     )
     handles = [
         Patch(

@@ -345,6 +345,25 @@ def test_the_histogram_counts_every_pixel_on_the_part(reduced: Result) -> None:
     assert outside + inside == reduced.valid.sum()
 
 
+@pytest.mark.parametrize("threshold", [0.0, 262.0, 394.0])
+def test_the_threshold_lies_in_the_histogram_wherever_it_is(reduced: Result, threshold) -> None:
+    found = dataclasses.replace(reduced.inspection, threshold=threshold)
+    (ax,) = histogram_picture(dataclasses.replace(reduced, inspection=found)).axes
+    low, high = ax.get_xlim()
+    assert low < threshold < high
+
+
+@pytest.mark.parametrize("threshold", [262.0, 394.0])
+def test_full_scale_is_white_and_no_scale_passes_it(reduced: Result, threshold) -> None:
+    found = dataclasses.replace(reduced.inspection, threshold=threshold, flawless_dn=255.0)
+    saturated = dataclasses.replace(
+        reduced, inspection=found, aspect=np.full_like(reduced.aspect, 255)
+    )
+    low, high = page.grey_range(saturated)
+    assert low < high == 255
+    assert page.range_up_to(255.0, saturated, 0.05)[1] == 255
+
+
 def test_the_strip_spreads_over_one_period(reduced: Result) -> None:
     words = [text.get_text() for text in sequence_strip(reduced, 4).texts]
     assert [w for w in words if w.startswith("k =")] == [

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -29,7 +30,7 @@ from gpuspec.page import (
     pooled,
     reduction,
 )
-from gpuspec.studies.coverage import KINDS, OFF_PART
+from gpuspec.studies.coverage import KINDS, LOST_LIGHT, OFF_PART
 from gpuspec.studies.deflection import signature_width
 from gpuspec.studies.height import NEGLIGIBLE
 from gpuspec.studies.outcome import percent
@@ -144,7 +145,7 @@ def coverage_picture(found: Coverage) -> Figure:
     sheet.heading(
         f"Scan coverage: {percent(found.blind)} of the part is blind to a {found.dent}",
         essentials(station),
-        f"red: the scan rule, {found.reach_mm:.3g} mm on the part  ·  {found.info}",
+        f"blue: the scan rule, {found.reach_mm:.3g} mm on the part  ·  {found.info}",
     )
     colours = ("#FFFFFF", VERMILION, DARK, PALE)
     handles = [
@@ -165,10 +166,13 @@ def coverage_picture(found: Coverage) -> Figure:
         drawn = place_image(ax, np.ma.masked_less(worst, 0), factor, station, cmap="cividis",
                             vmin=0, vmax=highest, interpolation="nearest")  # fmt: skip
         ax.set_facecolor(PALE)
+        lost = pooled(found.kind == LOST_LIGHT, factor, np.maximum)
+        place_image(ax, np.ma.masked_equal(lost, 0), factor, station,
+                    cmap=ListedColormap([DARK]), interpolation="nearest")  # fmt: skip
         millimetres(ax)
         bar = sheet.axes(left + width + 16, top, 16, bar_height)
         sheet.figure.colorbar(drawn, cax=bar).set_label(f"mm on the {where}", fontsize=10)
-        bar.axhline(reach, color=VERMILION, linewidth=3)
+        bar.axhline(reach, color=SKY, linewidth=3)
     left, top = corners[-1]
     sheet.text(left, top - 24, "Blind pixels")
     ax = sheet.axes(left, top, width, height)
@@ -192,7 +196,7 @@ def _draw_row(ax: Axes, found: Coverage) -> None:
     x = (np.arange(columns)[near] + 0.5 - columns / 2) * p
     distance = found.on_part_mm[row, near]
     ax.plot(x, distance, ".-", color="black", markersize=4, label="distance to a transition")
-    ax.axhline(found.reach_mm, color=VERMILION, linestyle="--",
+    ax.axhline(found.reach_mm, color=SKY, linestyle="--",
                label=f"scan rule, {found.reach_mm:.3g} mm")  # fmt: skip
     highest = max(float(np.nanmax(distance, initial=0)), found.reach_mm)
     ax.set(xlim=(x[0], x[-1]) if len(x) > 1 else None, ylim=(0, 1.15 * highest or 1.0))

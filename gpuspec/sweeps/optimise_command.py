@@ -72,6 +72,7 @@ def optimise(
     from gpuspec.files import check_new, write_new
     from gpuspec.station import Station
     from gpuspec.stationfile import to_toml
+    from gpuspec.errors import StationError
     from gpuspec.sweeps.axes import VARY_BETWEEN, vary_options
     from gpuspec.sweeps.choice import Rule
     from gpuspec.sweeps.optimise_picture import optimise_picture, write_trials
@@ -79,7 +80,14 @@ def optimise(
     floors = {"p2_floor": p2_floor, "p1_floor": p1_floor, "hit_share": hit_share}
     rule = Rule(goal, **{k: v for k, v in floors.items() if v is not None})  # type: ignore[arg-type]
     described = changed(Station.read(station), change)
-    plan = plan_of(described, vary_options(vary, VARY_BETWEEN) if vary else None, parts)
+    between = vary_options(vary, VARY_BETWEEN) if vary else None
+    for key, given in (between or {}).items():
+        if given.count(":") == 2:
+            raise StationError(
+                f"--vary {key}={given} counts values, and a search takes all between two bounds; "
+                f"write {given.rpartition(':')[0]}."
+            )
+    plan = plan_of(described, between, parts)
     results = outputs(plan, output, force=force)
     results.check()
     if write:
