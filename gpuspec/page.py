@@ -124,11 +124,13 @@ def text_width(text: str, size: float, weight: str = "normal") -> float:
 def essentials(station: Station, pattern: Pattern | None = None) -> str:
     """Return what matters most of a station, in one line; `pattern` is its light if not stripes."""
     part, tunnel, camera = station.part, station.tunnel, station.camera
-    crowned = part.crown_radius_x_mm or part.crown_radius_y_mm
+    kind = "crowned part" if part.crown_radius_x_mm or part.crown_radius_y_mm else "flat part"
+    if part.relief:
+        kind = "measured relief"
     stripes = f"stripes {tunnel.luminous_mm:g} + {tunnel.dark_mm:g} mm"
     light = f"light {pattern.file}" if pattern else stripes
     return (
-        f"{'crowned' if crowned else 'flat'} part {part.length_mm:g} × {part.width_mm:g} mm  ·  "
+        f"{kind} {part.length_mm:g} × {part.width_mm:g} mm  ·  "
         f"{tunnel.section} at {tunnel.top_mm:g} mm, {light}  ·  "
         f"camera at {camera.height_mm:g} mm, {camera.sampling_mm:g} mm/px, "
         f"pupil {camera.pupil_mm:g} mm  ·  exposure {station.sensor.exposure:g}, "

@@ -147,6 +147,7 @@ def test_bounds_of_a_whole_key_are_whole(small):
         (["--vary", "tunnel.dark_mm"], "write KEY=FROM:TO, e.g"),
         ([], "nothing to vary; give --vary KEY=FROM:TO, e.g"),
         (["--vary", "tunnel.dark_mm=4,8"], "write 4:8"),
+        (["--vary", "tunnel.dark_mm=4:8:3"], "write 4:8"),
         (["--vary", "segmentation.threshold=4:8"], "is not varied"),
         (["--vary", "tunnel.dark_mm=4:8", "--parts", "0"], "tried on 1 to"),
         (["--vary", "tunnel.dark_mm=4:8", "--parts", "2"], "has no random [[populations]]"),

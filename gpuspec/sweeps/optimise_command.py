@@ -69,10 +69,10 @@ def optimise(
     with extra("optimise"):
         from gpuspec.sweeps.optimise import WRITTEN, outputs, plan_of
         from gpuspec.sweeps.optimise import optimise as search
+    from gpuspec.errors import StationError
     from gpuspec.files import check_new, write_new
     from gpuspec.station import Station
     from gpuspec.stationfile import to_toml
-    from gpuspec.errors import StationError
     from gpuspec.sweeps.axes import VARY_BETWEEN, vary_options
     from gpuspec.sweeps.choice import Rule
     from gpuspec.sweeps.optimise_picture import optimise_picture, write_trials
