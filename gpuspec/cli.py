@@ -137,13 +137,14 @@ def prototype(
     def render() -> None:
         light = Pattern.read(pattern)
         rendered = made.written(light, plan)
-        score = rendered.summary["score"]
+        made_by, score = rendered.summary, rendered.summary["score"]
         p1 = words.precision(score["p1"], score["hit_px"] + score["false_px"])
         p2 = "undefined" if score["p2"] is None else f"{score['p2']:.3f}"
         print(
             f"{light.file}: {words.P1} {p1}, {words.P2} {p2} ({words.BEST}), "
             f"{score['defects_hit']} of {score['defects']} defects hit, {score['false_blobs']} "
-            f"false blobs; {rendered.seconds:.2f} s, results in {where}"
+            f"false blobs; {rendered.seconds:.2f} s, {made_by['backend']} on {made_by['device']}, "
+            f"results in {where}"
         )
         print_notes(rendered.summary["warnings"])
         print_assumptions(rendered.summary["assumptions"])
