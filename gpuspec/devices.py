@@ -68,7 +68,8 @@ def open_backend(
                     stacklevel=2,
                 )
             return found
-    raise BackendError("no backend can be opened.\n" + "\n".join((*left, *absent)))
+    what = "no backend can be opened" if device is None else f"no backend has a device {device!r}"
+    raise BackendError("\n".join((f"{what}.", *left, *absent)))
 
 
 def _first(name: str, left: list[str]) -> Backend:

@@ -89,6 +89,14 @@ def test_an_unknown_device_names_the_known(name, device):
         open_backend(name, device)
 
 
+def test_a_device_that_no_backend_has_is_told_as_that():
+    with pytest.raises(BackendError) as raised:
+        open_backend("auto", "RTX")
+    head, *lines = str(raised.value).splitlines()
+    assert head == "no backend has a device 'RTX'."
+    assert [line.split(":")[0] for line in lines] == list(BACKENDS)
+
+
 def test_a_device_is_found_by_number_and_by_part_of_its_name(opencl):
     name = opencl.device.name.strip()
     for wanted in ("0", name, name[1:5], name.upper()):

@@ -428,8 +428,15 @@ def _identity_in(path: Path) -> dict[str, Any]:
         raise OutputError(
             f"{path} holds no sweep; `gpuspec sweep STATION -o {path}` makes one."
         ) from None
-    except (OSError, ValueError) as error:
-        raise OutputError(f"{path / _IDENTITY} cannot be read: {error}.") from None
+    except OSError as error:
+        raise OutputError(
+            f"{path / _IDENTITY} cannot be read: {error.strerror or error}; make it readable."
+        ) from None
+    except ValueError:
+        raise OutputError(
+            f"{path / _IDENTITY} is damaged, and nothing else says which sweep {path} holds; put "
+            f"it back from a copy, or sweep into another folder with -o."
+        ) from None
     kinds = {
         "gpuspec": str,
         "station": str,
