@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from commandline import program, said
 
-from gpuspec import cache, devices, intel, pocl, proof
+from gpuspec import cache, device_test, devices, intel, pocl, proof
 from gpuspec import opencl as opencl_module
 from gpuspec.device_test import COPY, FILES, ROWS
 from gpuspec.devices import BACKENDS, DeviceReport, Found, fastest, open_backend, survey
@@ -479,7 +479,26 @@ def test_the_fastest_settings_are_taken_kernel_by_kernel():
     assert set(FILES.values()) == set(opencl_module.FILES)
 
 
-def test_a_tests_report_holds_every_device_and_what_it_takes(gpuspec_):
+@pytest.fixture
+def small(monkeypatch):
+    """A test of devices on a fiftieth of the pixels, in this process: in seconds."""
+    monkeypatch.setitem(device_test.STATION, "camera", {"columns": 400, "rows": 200})
+
+    def ask(what: str, backend: Any, settings: Any) -> dict[str, Any]:
+        engine = devices.opened(backend.info.backend, str(backend.number))
+        engine.settle(settings)
+        found: dict[str, Any] = {"difference_dn": proof.difference(engine)}
+        return {**found, "ms": device_test.measured(engine)} if what == "test" else found
+
+    monkeypatch.setattr(proof, "ask", ask)
+
+
+def test_a_device_is_tested_in_a_process_of_its_own(opencl):
+    found = proof.ask("test", open_backend("opencl"), opencl.candidates()[0])
+    assert set(found["ms"]) == set(ROWS)
+
+
+def test_a_tests_report_holds_every_device_and_what_it_takes(gpuspec_, small, forgotten):
     ran = gpuspec_("devices", "--test", "--json")
     assert ran.code == 0, ran.err
     report = json.loads(ran.out)
