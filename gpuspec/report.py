@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -55,7 +56,7 @@ def outputs(
         Files that are never replaced, beside the station's own.
     """
     for name in ("sweep.json", "optimise.json"):
-        if (Path(folder) / name).is_file():
+        if os.path.isfile(Path(folder) / name):  # noqa: PTH113 (False for impossible names)
             raise OutputError(
                 f"{folder} is the folder of {'a sweep' if name == 'sweep.json' else 'a search'}, "
                 f"not of a run; choose another folder with -o."

@@ -318,7 +318,7 @@ def test_a_device_is_taken_by_number_and_by_name(gpuspec_):
     ("arguments", "why"),
     [
         ("simulate none.toml", "none.toml: no such station file; `gpuspec init` writes one"),
-        ("simulate .", "cannot be read"),
+        ("simulate .", "this is a folder"),
         ("simulate typo.toml", "camera.sampling_m is not a known key (did you mean sampling_mm?)"),
         ("simulate wrong.toml", "camera.sampling_mm = -1 must be at least"),
         ("simulate text.toml", "not a valid TOML file"),
@@ -432,7 +432,7 @@ def test_more_images_than_the_disk_holds_are_refused_before_any_work(gpuspec_, m
 def test_a_folder_that_may_not_be_written_is_said_before_any_work(gpuspec_, monkeypatch):
     monkeypatch.setattr(inspection, "trace", lambda *_: pytest.fail("work was begun"))
 
-    def refused(**_: object) -> None:
+    def refused(*_: object, **__: object) -> None:
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
 
     monkeypatch.setattr(files.tempfile, "mkdtemp", refused)  # root may write everywhere

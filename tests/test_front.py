@@ -537,7 +537,9 @@ def test_front_refuses_what_is_no_sweep_in_one_sentence(
     assert not Path("damaged/front").exists()
     wrong = said(gpuspec_("front", swept["axis"].path, "--goal", "p3"))
     assert "choose p1, p2, f1" in wrong
-    assert "must be 0 to 1" in said(gpuspec_("front", swept["axis"].path, "--p2-floor", "2"))
+    assert "must be a number from 0 to 1" in said(
+        gpuspec_("front", swept["axis"].path, "--p2-floor", "2")
+    )
 
 
 def test_front_writes_beside_the_sweep_and_leaves_it_as_it_was(
