@@ -29,8 +29,8 @@ from gpuspec.terminal import (
     StationArgument,
     changed,
     console,
-    folder,
     note_space,
+    output_option,
     print_assumptions,
     print_notes,
     progress,
@@ -102,13 +102,7 @@ def prototype(
     ],
     output: Annotated[
         Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            parser=folder,
-            metavar="FOLDER",
-            help="For the results. Not given: prototype, or watch with --watch.",
-        ),
+        output_option("For the results. Not given: prototype, or watch with --watch."),
     ] = None,
     backend: Annotated[
         str, typer.Option("--backend", help="opengl or vulkan; auto takes the first that computes.")

@@ -44,10 +44,12 @@ def folder(given: str | Path) -> Path:
     return folder_of(given)
 
 
-OutputOption = Annotated[
-    Path,
-    typer.Option("-o", "--output", parser=folder, metavar="FOLDER", help="For the results."),
-]
+def output_option(said: str) -> Any:
+    """Return the option that names the folder for the results, with what is said of it."""
+    return typer.Option("-o", "--output", parser=folder, metavar="FOLDER", help=said)
+
+
+OutputOption = Annotated[Path, output_option("For the results.")]
 ForceOption = Annotated[
     bool,
     typer.Option("--force", help="Replace files that are not known to be an earlier run's, too."),

@@ -16,7 +16,7 @@ from gpuspec.terminal import (
     PicturesOption,
     console,
     extra,
-    folder,
+    output_option,
     progress,
 )
 
@@ -34,13 +34,7 @@ def front(
     run: Annotated[Path, typer.Argument(help="Folder of a sweep.")],
     output: Annotated[
         Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            parser=folder,
-            metavar="FOLDER",
-            help="For the results. Not given: RUN/front, or RUN/front-2 ... for other rules.",
-        ),
+        output_option("For the results. Not given: RUN/front, or RUN/front-2 ... for other rules."),
     ] = None,
     goal: Annotated[str, typer.Option("--goal", help=GOAL_HELP)] = "p1",
     hit_share: Annotated[
