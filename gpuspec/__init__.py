@@ -19,25 +19,26 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
-
 if TYPE_CHECKING:
-    from gpuspec.devices import open_backend, survey
     from gpuspec.errors import GpuspecError
-    from gpuspec.inspection import Result, simulate
-    from gpuspec.patterns import Pattern
-    from gpuspec.report import write
-    from gpuspec.station import Station
-    from gpuspec.stationfile import example, to_toml
-    from gpuspec.studies import study
-    from gpuspec.sweeps.choice import Rule
-    from gpuspec.sweeps.chosen import Choice, choose
-    from gpuspec.sweeps.chosen import choose as front
-    from gpuspec.sweeps.optimise import Optimum, optimise
-    from gpuspec.sweeps.optimise import plan_of as search_plan
+    from gpuspec.light.devices import open_backend, survey
+    from gpuspec.light.patterns import Pattern
+    from gpuspec.report.folder import write
+    from gpuspec.simulation.result import Result
+    from gpuspec.simulation.simulate import simulate
+    from gpuspec.station.examples import example
+    from gpuspec.station.station import Station
+    from gpuspec.station.toml import to_toml
+    from gpuspec.studies.study import study
+    from gpuspec.sweeps.choosing.choose import Choice, choose
+    from gpuspec.sweeps.choosing.choose import choose as front
+    from gpuspec.sweeps.keeping.folder import RunFolder
     from gpuspec.sweeps.plan import Plan
-    from gpuspec.sweeps.run import sweep
-    from gpuspec.sweeps.store import RunFolder
+    from gpuspec.sweeps.rule import Rule
+    from gpuspec.sweeps.searching.optimise import Optimum, optimise
+    from gpuspec.sweeps.searching.optimise import plan_of as search_plan
+    from gpuspec.sweeps.sweep import sweep
+    from gpuspec.version import __version__ as __version__
 
 __all__ = [
     "Choice",
@@ -65,29 +66,30 @@ __all__ = [
 
 # Name: where it is, and its name there if it is another.
 _HOME = {
-    "Choice": "sweeps.chosen",
+    "Choice": "sweeps.choosing.choose",
     "GpuspecError": "errors",
-    "Optimum": "sweeps.optimise",
-    "Pattern": "patterns",
+    "Optimum": "sweeps.searching.optimise",
+    "Pattern": "light.patterns",
     "Plan": "sweeps.plan",
-    "Result": "inspection",
-    "Rule": "sweeps.choice",
-    "RunFolder": "sweeps.store",
-    "Station": "station",
-    "example": "stationfile",
-    "choose": "sweeps.chosen",
-    "front": "sweeps.chosen:choose",
-    "open_backend": "devices",
-    "optimise": "sweeps.optimise",
-    "search_plan": "sweeps.optimise:plan_of",
-    "simulate": "inspection",
-    "study": "studies",
-    "survey": "devices",
-    "sweep": "sweeps.run",
-    "to_toml": "stationfile",
-    "write": "report",
+    "Result": "simulation.result",
+    "Rule": "sweeps.rule",
+    "RunFolder": "sweeps.keeping.folder",
+    "Station": "station.station",
+    "example": "station.examples",
+    "choose": "sweeps.choosing.choose",
+    "front": "sweeps.choosing.choose:choose",
+    "open_backend": "light.devices",
+    "optimise": "sweeps.searching.optimise",
+    "search_plan": "sweeps.searching.optimise:plan_of",
+    "simulate": "simulation.simulate",
+    "study": "studies.study",
+    "survey": "light.devices",
+    "sweep": "sweeps.sweep",
+    "to_toml": "station.toml",
+    "write": "report.folder",
+    "__version__": "version",
 }
-_PACKAGES = ("devices", "studies", "sweeps")
+_PACKAGES = {"devices": "light.devices", "studies": "studies", "sweeps": "sweeps"}
 
 
 def __getattr__(name: str) -> Any:
@@ -95,7 +97,7 @@ def __getattr__(name: str) -> Any:
     from importlib import import_module
 
     if name in _PACKAGES:
-        return import_module(f"gpuspec.{name}")
+        return import_module(f"gpuspec.{_PACKAGES[name]}")
     if name not in _HOME:
         raise AttributeError(f"module 'gpuspec' has no attribute {name!r}")
     file, _, there = _HOME[name].partition(":")

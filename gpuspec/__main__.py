@@ -1,5 +1,5 @@
 """`python -m gpuspec` is the command `gpuspec`."""
 
-from gpuspec.cli import main
+from gpuspec.cli.main import main
 
 main()

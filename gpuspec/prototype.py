@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
@@ -11,13 +12,13 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gpuspec.errors import GpuspecError, OutputError, PatternError
+from gpuspec.errors import DeviceWarning, GpuspecError, OutputError, PatternError
 from gpuspec.files import Outputs, Space, check_together
-from gpuspec.patterns import Pattern
-from gpuspec.station import Station
+from gpuspec.light.patterns import Pattern
+from gpuspec.station.station import Station
 
 if TYPE_CHECKING:
-    from gpuspec.inspection import Result
+    from gpuspec.simulation.result import Result
 
 POLL_S = 0.05
 _GIF = ".gif"
@@ -95,7 +96,7 @@ def planned(
     OutputError
         If something is in the way or cannot be written, or `frames` is neither.
     """
-    from gpuspec.report import GLANCE, outputs
+    from gpuspec.report.folder import GLANCE, outputs
 
     results = outputs(station, folder, force=force, also_read=(pattern,))
     if glance:
@@ -137,7 +138,7 @@ class Bench:
     ----------
     station : Station
     backend, device : str
-        As in :func:`gpuspec.devices.open_backend`.
+        As in :func:`gpuspec.light.devices.open_backend`.
     limit_s : float
         Longest a pattern may run.
     """
@@ -223,7 +224,10 @@ class Bench:
         while time.monotonic() < end:
             try:
                 if pipe.poll(POLL_S):
-                    return pipe.recv()
+                    answer = pipe.recv()
+                    if not isinstance(answer, Warning):
+                        return answer
+                    warnings.warn(answer, stacklevel=2)
             except (EOFError, OSError):
                 self.close()
                 raise PatternError(
@@ -269,12 +273,12 @@ def _work(
     """Run in the worker: trace once, then answer one pattern after another."""
     import signal
 
-    from gpuspec.devices import open_backend
-    from gpuspec.inspection import trace
-    from gpuspec.report import summary, write_files, write_glance
-    from gpuspec.terminal import show_warnings_as_notes
+    from gpuspec.light.devices import open_backend
+    from gpuspec.report.folder import summary, write_files, write_glance
+    from gpuspec.simulation.simulate import trace
 
-    show_warnings_as_notes()
+    warnings.simplefilter("always", DeviceWarning)
+    warnings.showwarning = lambda said, *_, **__: pipe.send(said)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
     try:
         station = Station.from_dict(data, file, folder)
@@ -306,13 +310,13 @@ def _work(
 
 def _write_sequence(result: Result, path: Path) -> None:
     """Write the sequence to look at: an animation, or a PNG for each image."""
-    from gpuspec import figures
+    from gpuspec.pictures import sequence
 
     if path.suffix.lower() == ".gif":
-        figures.sequence_animation(result, path)
+        sequence.sequence_animation(result, path)
         return
     for k in range(result.station.sequence.images):
-        figures.write_image(result, k, path / _image_name(k))
+        sequence.write_image(result, k, path / _image_name(k))
 
 
 def _image_name(k: int) -> str:

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from html import escape
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpuspec.arrays import pooled
 
 ROWS = 20  # of a table in a notebook
 
@@ -37,3 +43,16 @@ def html_table(rows: Iterable[Mapping[str, Any]], total: int) -> str:
 def cell(value: Any) -> str:
     """Return a value as a table shows it."""
     return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def grey_png(image: NDArray[Any], full: float, width: int = 1200) -> bytes:
+    """Return an image as a PNG, reduced to a width, black at 0 and white at `full`."""
+    from io import BytesIO
+
+    from PIL import Image
+
+    factor = max(1, math.ceil(max(image.shape) / width))
+    grey = pooled(image, factor, np.add) * (255 / full)
+    file = BytesIO()
+    Image.fromarray(np.clip(grey, 0, 255).astype(np.uint8)).save(file, "PNG")
+    return file.getvalue()

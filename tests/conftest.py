@@ -12,11 +12,11 @@ from typing import Any
 import pytest
 from commandline import STATION, Command, Ran
 
-from gpuspec import cli
-from gpuspec.backends import Backend
-from gpuspec.devices import BACKENDS, open_backend
+from gpuspec.cli import main as cli
 from gpuspec.errors import BackendError
-from gpuspec.opencl import OpenCLBackend
+from gpuspec.light.backend import Backend
+from gpuspec.light.devices import BACKENDS, open_backend
+from gpuspec.light.opencl import OpenCLBackend
 
 
 @pytest.fixture(scope="session", params=BACKENDS)

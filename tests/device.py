@@ -14,11 +14,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.backends import Backend
-from gpuspec.opencl import OpenCLBackend
-from gpuspec.opengl import LIST_WIDTH, OpenGLBackend
-from gpuspec.sources import resolved, resolved_shader
-from gpuspec.vulkan import GROUP, VulkanBackend
+from gpuspec.light.backend import Backend
+from gpuspec.light.opencl import OpenCLBackend
+from gpuspec.light.opengl import LIST_WIDTH, OpenGLBackend
+from gpuspec.light.sources import resolved, resolved_shader
+from gpuspec.light.vulkan import GROUP, VulkanBackend
 
 LANES = 8
 """Pixels that share the inputs declared `float`: the widest REAL there is."""

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
-from gpuspec.page import WIDTH
+from gpuspec.pictures.page import WIDTH
 
 TOUCHING_PX = 1.0
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import oracle
 
-from gpuspec.station import Station
+from gpuspec.station.station import Station
 
 
 def check_station(

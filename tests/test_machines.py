@@ -15,8 +15,8 @@ import pytest
 from test_devices import UNKNOWN_CPU
 from test_wheel import clean_environment
 
-from gpuspec import pocl
-from gpuspec.devices import BACKENDS
+from gpuspec.light import pocl
+from gpuspec.light.devices import BACKENDS
 
 CHECKOUT = Path(__file__).resolve().parents[1]
 NUMPY_SECONDS = 12.0
@@ -93,9 +93,9 @@ def test_with_the_repair_switched_off_the_next_backend_is_taken_and_named(fresh)
 
 def test_a_second_start_does_not_prove_its_device_again(fresh):
     assert fresh.run("gpuspec demo --no-pictures").returncode == 0
-    broken = "from gpuspec import proof; proof.ask = None"
+    broken = "from gpuspec.light import proof; proof.ask = None"
     begin = "import sys; sys.argv = ['gpuspec', 'demo', '--no-pictures']"
-    done = fresh.run(f'python -c "{begin}; {broken}; from gpuspec.cli import main; main()"')
+    done = fresh.run(f'python -c "{begin}; {broken}; from gpuspec.cli.main import main; main()"')
     assert done.returncode == 0, done.stderr
 
 

@@ -17,14 +17,14 @@ from scenes import check_station
 from tolerances import DEVICE_DN
 
 from gpuspec import prototype
-from gpuspec.devices import open_backend
 from gpuspec.errors import BackendError, OutputError, PatternError
-from gpuspec.inspection import Traced, trace
-from gpuspec.patterns import Pattern, shipped
-from gpuspec.shader_log import own_lines
-from gpuspec.sources import named_files
-from gpuspec.station import Station
-from gpuspec.stationfile import example
+from gpuspec.light.devices import open_backend
+from gpuspec.light.patterns import Pattern, shipped
+from gpuspec.light.shader_log import own_lines
+from gpuspec.light.sources import named_files
+from gpuspec.simulation.simulate import Traced, trace
+from gpuspec.station.examples import example
+from gpuspec.station.station import Station
 
 HEAD = "float pattern(float light, float across, float shift, float footprint)"
 STATION = """

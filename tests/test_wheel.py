@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from commandline import names
 
-from gpuspec.report import FILES
+from gpuspec.report.folder import FILES
 
 CHECKOUT = Path(__file__).resolve().parents[1]
 

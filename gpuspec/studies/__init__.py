@@ -5,60 +5,7 @@
 
 The study of each name is the function `study` of the file of that name, which tells its parameters:
 `gpuspec.studies.coverage.study`.
+
+A file a study: its law, what it finds, table and picture. Imports `simulation` and what stands
+below it.
 """
-
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from gpuspec.station import Station
-    from gpuspec.studies.outcome import Outcome
-
-STUDIES = ("signature", "height", "coverage", "tolerance")
-
-
-def study(name: str, station: Station | str | Path | None = None, **options: Any) -> Outcome:
-    """Run a study by its name.
-
-    Parameters
-    ----------
-    name : str
-        One of ``STUDIES``.
-    station : Station, str or Path, optional
-        Or the path of a station file. Only ``signature`` does without.
-    **options
-        What the study of that name takes, e.g. ``steps=9`` of ``tolerance``.
-
-    Returns
-    -------
-    Outcome
-
-    Raises
-    ------
-    StationError
-        If there is no study of that name, or it needs a station.
-    """
-    from importlib import import_module
-
-    from gpuspec.errors import StationError
-
-    if name not in STUDIES:
-        raise StationError(f"there is no study {name!r}; choose one of {', '.join(STUDIES)}.")
-    if station is None and name != "signature":
-        raise StationError(f"the study of {name} needs a station.")
-    from gpuspec.station import Station
-
-    station = None if station is None else Station.of(station)
-    found: Outcome = import_module(f"gpuspec.studies.{name}").study(station, **options)
-    return found
-
-
-def __getattr__(name: str) -> Any:
-    if name not in STUDIES:
-        raise AttributeError(f"module 'gpuspec.studies' has no attribute {name!r}")
-    from importlib import import_module
-
-    return import_module(f"gpuspec.studies.{name}")

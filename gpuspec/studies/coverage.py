@@ -8,22 +8,26 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from gpuspec.backends import BESIDE, Backend, DeviceInfo, Image
-from gpuspec.cautions import of_light, of_station
-from gpuspec.devices import open_backend
+from gpuspec.arrays import BESIDE, Image, pooled
 from gpuspec.errors import StationError
-from gpuspec.inspection import check_memory
-from gpuspec.station import Station
+from gpuspec.light.backend import Backend, DeviceInfo
+from gpuspec.light.devices import open_backend
+from gpuspec.pictures.page import MARGIN, SKY, VERMILION, WIDTH, Sheet, essentials, fitted
+from gpuspec.pictures.place import draw_codes, millimetres, open_frame, place_image, reduction
+from gpuspec.simulation.cautions import of_light, of_station
+from gpuspec.simulation.memory import check_memory
+from gpuspec.station.station import Station
 from gpuspec.studies.deflection import Dent, hardest, magnification, reach_mm
-from gpuspec.studies.outcome import Outcome, percent
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from gpuspec.studies.outcome import DARK, PALE, Outcome, percent
 
 KINDS = ("scanned", "too far from a transition", "lost", "beside the part")
 SCANNED, TOO_FAR, LOST_LIGHT, OFF_PART = range(4)
@@ -52,7 +56,7 @@ class Coverage(Outcome):
     kind : ndarray of uint8, shape (M, N)
         Index into ``KINDS``; too far and lost are blind.
     notes : tuple of str
-        What is wrong with the station, see :mod:`gpuspec.cautions`.
+        What is wrong with the station, see :mod:`gpuspec.simulation.cautions`.
     """
 
     name: ClassVar[str] = "coverage"
@@ -150,7 +154,7 @@ class Coverage(Outcome):
 
     def figure(self) -> Figure:
         """See :meth:`Outcome.figure`."""
-        from gpuspec.studies.drawing import coverage_picture
+        pass
 
         return coverage_picture(self)
 
@@ -244,3 +248,82 @@ def transition_distance(light_mm: NDArray[Any], station: Station) -> NDArray[np.
     after = np.searchsorted(passed, phase)
     distance: NDArray[np.float64] = np.minimum(phase - passed[after - 1], passed[after] - phase)
     return distance
+
+
+def coverage_picture(found: Coverage) -> Figure:
+    """Draw the distance on the part and on the light, the blind pixels, and one row's course.
+
+    Squares of pixels drawn as one show their largest distance, and any blind pixel of theirs.
+    """
+    station = found.station
+    beside = station.shape[1] < 1.5 * station.shape[0]
+    cell = (WIDTH - 2 * MARGIN) / (3 if beside else 1)
+    width, height = fitted(station.shape, cell - (170 if beside else 110), 420)
+    bar_height = max(height, 110)  # room for its label
+    corners = [
+        (MARGIN + cell * place, 170.0) if beside else (MARGIN, 170.0 + place * (bar_height + 96))
+        for place in range(3)
+    ]
+    below = corners[-1][1] + (bar_height if beside else height) + 90
+    sheet = Sheet(WIDTH, below + 320)
+    sheet.heading(
+        f"Scan coverage: {percent(found.blind)} of the part is blind to a {found.dent}",
+        essentials(station),
+        f"blue: the scan rule, {found.reach_mm:.3g} mm on the part  ·  {found.info}",
+    )
+    colours = ("#FFFFFF", VERMILION, DARK, PALE)
+    handles = [
+        Patch(facecolor=colour, edgecolor=DARK, linewidth=0.6, label=f"{kind} {n:,} px")
+        for kind, colour, n in zip(KINDS, colours, found.counts, strict=True)
+    ]
+    sheet.legend(handles, 100)
+    reaches = found.reach_mm, found.reach_mm * found.magnification
+    maps = zip(corners, (found.on_part_mm, found.on_light_mm), ("part", "light"), reaches,
+               strict=False)  # fmt: skip
+    for (left, top), image, where, reach in maps:
+        sheet.text(left, top - 24, f"Distance to the nearest transition on the {where}")
+        ax = sheet.axes(left, top, width, height)
+        factor = reduction(ax, image.shape)
+        worst = pooled(np.nan_to_num(image, nan=-1.0), factor, np.maximum)
+        # Up to the rule at least: distances far within it are to look alike.
+        highest = max(float(worst.max()), 1.1 * reach)
+        drawn = place_image(ax, np.ma.masked_less(worst, 0), factor, station, cmap="cividis",
+                            vmin=0, vmax=highest, interpolation="nearest")  # fmt: skip
+        ax.set_facecolor(PALE)
+        lost = pooled(found.kind == LOST_LIGHT, factor, np.maximum)
+        place_image(ax, np.ma.masked_equal(lost, 0), factor, station,
+                    cmap=ListedColormap([DARK]), interpolation="nearest")  # fmt: skip
+        millimetres(ax)
+        bar = sheet.axes(left + width + 16, top, 16, bar_height)
+        sheet.figure.colorbar(drawn, cax=bar).set_label(f"mm on the {where}", fontsize=10)
+        bar.axhline(reach, color=SKY, linewidth=3)
+    left, top = corners[-1]
+    sheet.text(left, top - 24, "Blind pixels")
+    ax = sheet.axes(left, top, width, height)
+    # The highest code prevails in a square of pixels, and blind ones are to.
+    codes = np.where(found.kind == OFF_PART, 0, found.kind + 1).astype(np.uint8)
+    draw_codes(ax, codes, station, [colours[OFF_PART], *colours[:OFF_PART]])
+    millimetres(ax)
+    sheet.text(MARGIN, below, "About the farthest pixel, over one period")
+    _draw_row(sheet.axes(MARGIN, below + 28, WIDTH - 2 * MARGIN, 220), found)
+    return sheet.figure
+
+
+def _draw_row(ax: Axes, found: Coverage) -> None:
+    """Draw the distance on the part along the row of the farthest pixel, about it."""
+    (rows, columns), p = found.station.shape, found.station.camera.sampling_mm
+    row, column = np.unravel_index(
+        np.nan_to_num(found.on_part_mm, nan=-1.0).argmax(), found.on_part_mm.shape
+    )
+    half = math.ceil(found.station.tunnel.period_mm / found.magnification / 2 / p)
+    near = slice(max(int(column) - half, 0), int(column) + half + 1)
+    x = (np.arange(columns)[near] + 0.5 - columns / 2) * p
+    distance = found.on_part_mm[row, near]
+    ax.plot(x, distance, ".-", color="black", markersize=4, label="distance to a transition")
+    ax.axhline(found.reach_mm, color=SKY, linestyle="--",
+               label=f"scan rule, {found.reach_mm:.3g} mm")  # fmt: skip
+    highest = max(float(np.nanmax(distance, initial=0)), found.reach_mm)
+    ax.set(xlim=(x[0], x[-1]) if len(x) > 1 else None, ylim=(0, 1.15 * highest or 1.0))
+    y = (rows / 2 - row - 0.5) * p
+    open_frame(ax, f"x, mm, in the row at y = {y:.3g} mm", "mm on the part")
+    ax.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2, frameon=False, fontsize=10)

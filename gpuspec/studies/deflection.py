@@ -16,11 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gpuspec.defects import MICRO, Patch, Scratch
 from gpuspec.errors import StationError
-from gpuspec.parameters import curvatures
-from gpuspec.placement import place
-from gpuspec.station import Station
+from gpuspec.part.placement import place
+from gpuspec.part.shapes import curvatures
+from gpuspec.station.defects import Patch, Scratch
+from gpuspec.station.station import Station
+from gpuspec.units import MICRO
 
 Array = NDArray[np.float64]
 

@@ -8,28 +8,28 @@ each station.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from gpuspec.backends import DeviceInfo
-from gpuspec.cautions import of_station
 from gpuspec.errors import StationError
-from gpuspec.reference import NumpyBackend, ray_paths
-from gpuspec.relief import Relief
-from gpuspec.station import Station
+from gpuspec.light.backend import DeviceInfo
+from gpuspec.light.float64 import ray_paths
+from gpuspec.light.float64_backend import NumpyBackend
+from gpuspec.part.relief import Relief
+from gpuspec.pictures.page import MARGIN, SKY, VERMILION, WIDTH, Sheet
+from gpuspec.pictures.place import open_frame
+from gpuspec.simulation.cautions import of_station
+from gpuspec.station.station import Station
 from gpuspec.studies.deflection import Dent, dents, without_defects
-from gpuspec.studies.outcome import Outcome, percent
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from gpuspec.studies.outcome import GREY, Outcome, percent
 
 Array = NDArray[np.float64]
-
 NEGLIGIBLE = 0.05
 """Ratio of the two movements up to which height is called negligible; our choice."""
-
 _NEAREST, _FARTHEST_MM = 1.05, 10_000.0
 _CAMERA_MAX_MM = 1e5  # of camera.height_mm
 _GRID = 101  # points across a dent, and across the part
@@ -58,7 +58,7 @@ class Height(Outcome):
     shape_by_slope_mm, shape_by_height_mm : ndarray, shape (n,)
         The same of the part's crown, over the whole part; 0 where it is flat.
     notes : tuple of str
-        What is wrong with the station, see :mod:`gpuspec.cautions`.
+        What is wrong with the station, see :mod:`gpuspec.simulation.cautions`.
     """
 
     name: ClassVar[str] = "height"
@@ -188,7 +188,7 @@ class Height(Outcome):
 
     def figure(self) -> Figure:
         """See :meth:`Outcome.figure`."""
-        from gpuspec.studies.drawing import height_picture
+        pass
 
         return height_picture(self)
 
@@ -306,3 +306,51 @@ def _height_estimate(dent: Dent, top: float, h: float, place: float) -> float:
 
 def _ratio_estimate(dent: Dent, top: float, h: float, place: float) -> float:
     return _height_estimate(dent, top, h, place) / _slope_estimate(dent, top)
+
+
+def height_picture(found: Height) -> Figure:
+    """Draw the movements, and their ratio, over the camera's height."""
+    sheet = Sheet(WIDTH, 770)
+    tunnel = found.station.tunnel
+    verdict = "is" if found.negligible else "is not"
+    sheet.heading(
+        f"Movement of the light point: for this station, height {verdict} negligible beside "
+        f"orientation",
+        f"{found.dent}, {found.place_mm:.3g} mm off the axis  ·  {tunnel.section} at "
+        f"{tunnel.top_mm:g} mm",
+        str(found.info),
+    )
+    width = (WIDTH - 2 * MARGIN - 100) / 2
+    moved, ratio = (sheet.axes(MARGIN + n * (width + 100), 150, width, 540) for n in range(2))
+    for ax, label in (
+        (moved, "greatest movement of the light point, mm"),
+        (ratio, "movement by height over movement by slope, %"),
+    ):
+        open_frame(ax, "height of the camera, mm", label)
+        ends = found.camera_mm[0] / 1.05, found.camera_mm[-1] * 1.05
+        ax.set(xscale="log", yscale="log", xlim=ends)
+        for axis in (ax.xaxis, ax.yaxis):
+            axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.10g}"))
+            axis.set_minor_formatter(NullFormatter())
+    x = found.camera_mm
+    handles = []
+    curves = [("dent", "o", found.by_slope_mm, found.by_height_mm, found.ratio)]
+    if found.crowned:
+        shape = found.shape_by_slope_mm, found.shape_by_height_mm, found.shape_ratio
+        curves.append(("crown", "s", *shape))
+    for name, marker, by_slope, by_height, share in curves:
+        colour = VERMILION if name == "dent" else SKY
+        style: dict[str, Any] = {"marker": marker, "markersize": 5, "linestyle": "none"}
+        for values, of, tint in ((by_slope, "slope", "black"), (by_height, "height", colour)):
+            handles += moved.plot(x, values, color=tint, label=f"{name}, by {of}", **style)
+        ratio.plot(x, 100 * share, color=colour, **style)
+    for estimate in (found.slope_estimate_mm, found.height_estimate_mm):
+        (law,) = moved.plot(x, estimate, color=GREY, label="dent, closed form")
+    bound = ratio.axhline(100 * NEGLIGIBLE, color=GREY, linestyle="--",
+                          label=f"negligible up to {percent(NEGLIGIBLE)}")  # fmt: skip
+    for ax in (moved, ratio):
+        own = ax.axvline(found.station.camera.height_mm, color="black", linestyle=":",
+                         label="this station's camera")  # fmt: skip
+    sheet.legend([*handles, law, bound, own], 100)
+    return sheet.figure

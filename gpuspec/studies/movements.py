@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 
-from gpuspec.defects import Defect, Patch, Scratch
-from gpuspec.placement import place
-from gpuspec.station import Station
+from gpuspec.part.placement import place
+from gpuspec.station.defects import Defect, Patch, Scratch
+from gpuspec.station.station import Station
 
 Moved = Callable[[Station, float], Station]
 

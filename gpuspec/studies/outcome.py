@@ -9,12 +9,12 @@ from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from gpuspec import __version__
-from gpuspec.backends import DeviceInfo
 from gpuspec.files import Outputs, folder_of
+from gpuspec.light.backend import DeviceInfo
 from gpuspec.shown import object_of
-from gpuspec.station import Station
-from gpuspec.stationfile import copies, keep
+from gpuspec.station.station import Station
+from gpuspec.station.toml import copies, keep
+from gpuspec.version import __version__
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -35,7 +35,7 @@ class Outcome(ABC):
     info : DeviceInfo
         Backend, device, driver and version that traced it.
     notes : tuple of str
-        What is wrong with the station, see :mod:`gpuspec.cautions`.
+        What is wrong with the station, see :mod:`gpuspec.simulation.cautions`.
     """
 
     name: ClassVar[str]
@@ -65,7 +65,7 @@ class Outcome(ABC):
 
     def _repr_png_(self) -> bytes:
         """Show itself in a notebook."""
-        from gpuspec.figures import png
+        from gpuspec.pictures.page import png
 
         return png(self.figure())
 
@@ -91,7 +91,7 @@ class Outcome(ABC):
 
     def write_files(self, folder: Path) -> None:
         """Write the files straight into an existing folder; see :meth:`write`."""
-        from gpuspec.figures import png
+        from gpuspec.pictures.page import png
 
         figure, table, summary, station = (folder / name for name in files(self.name))
         figure.write_bytes(png(self.figure()))
@@ -141,3 +141,6 @@ def _shown(value: Any) -> Any:
 def _finite(value: Any) -> Any:
     """Return a value that JSON knows: it has no infinity and no NaN."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+GREY, PALE, DARK = "#606060", "#D9D9D9", "#404040"

@@ -7,17 +7,21 @@ beside it is measured along the dent's row, and held against the closed form.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from gpuspec.backends import Backend, DeviceInfo
-from gpuspec.cautions import of_station
-from gpuspec.devices import open_backend
 from gpuspec.errors import StationError
-from gpuspec.station import Station
+from gpuspec.light.backend import Backend, DeviceInfo
+from gpuspec.light.devices import open_backend
+from gpuspec.pictures.page import MARGIN, VERMILION, WIDTH, Sheet
+from gpuspec.pictures.place import open_frame
+from gpuspec.simulation.cautions import of_station
+from gpuspec.station.station import Station
 from gpuspec.studies.deflection import (
     PIXELS_PER_SIGMA,
     STEEP,
@@ -27,13 +31,9 @@ from gpuspec.studies.deflection import (
     signature_width,
     strength,
 )
-from gpuspec.studies.outcome import Outcome, percent
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from gpuspec.studies.outcome import GREY, Outcome, percent
 
 Array = NDArray[np.float64]
-
 _BEYOND = 1.15  # of the distance at which the signature vanishes
 
 
@@ -54,7 +54,7 @@ class Signature(Outcome):
     closed_form, simulated : ndarray, shape (K,)
         Width of the signature in sigmas, by the law and from the images.
     notes : tuple of str
-        What is wrong with the station that was given, see :mod:`gpuspec.cautions`.
+        What is wrong with the station that was given, see :mod:`gpuspec.simulation.cautions`.
     """
 
     name: ClassVar[str] = "signature"
@@ -121,7 +121,7 @@ class Signature(Outcome):
 
     def figure(self) -> Figure:
         """See :meth:`Outcome.figure`."""
-        from gpuspec.studies.drawing import signature_picture
+        pass
 
         return signature_picture(self)
 
@@ -215,3 +215,42 @@ def moved_transition(station: Station, dent: Dent, distances: int) -> Station:
             "sequence.step_mm": far * sigma * along / (distances - 1),
         }
     )  # fmt: skip
+
+
+def signature_picture(found: Signature) -> Figure:
+    """Draw both widths over the distance."""
+    sheet = Sheet(WIDTH, 770)
+    tunnel, camera = found.station.tunnel, found.station.camera
+    sheet.heading(
+        "Signature of a dent against its distance to the light transition",
+        f"{found.dent} (σ = {found.dent.sigma_mm:.3g} mm)  ·  {tunnel.section} at "
+        f"{tunnel.top_mm:g} mm, camera at {camera.height_mm:g} mm  ·  A = {found.strength:.3g}",
+        str(found.info),
+    )
+    ax = sheet.axes(MARGIN, 174, WIDTH - 2 * MARGIN, 520)
+    open_frame(
+        ax, "distance of the transition from the dent's centre, σ", "width of the signature, σ"
+    )
+    far = float(found.distance[-1])
+    fine = np.linspace(0, far, 500)
+    law = signature_width(fine, found.strength)
+    curve = ax.plot(fine, law, color="black", label="closed form")
+    dots = ax.plot(found.distance, found.simulated, "o", color=VERMILION, markersize=6,
+                   label="measured in the simulated images")  # fmt: skip
+    handles = [*curve, *dots]
+    if found.vanishing:
+        name = f"A/√e − 1 = {found.vanishing:.3g}"
+        handles.append(ax.axvline(found.vanishing, color=GREY, linestyle="--", label=name))
+    top = max(1.08 * float(law.max()), 0.5)
+    ax.set(xlim=(0, far), ylim=(-0.02 * top, top))
+    sheet.legend(handles, 100)
+    across = ax.secondary_xaxis("top", functions=_times(found.dent.sigma_mm))
+    across.set_xlabel("distance on the part, mm", fontsize=10)
+    share = ax.secondary_yaxis("right", functions=_times(25.0))
+    share.set_ylabel("share of the diameter, %", fontsize=10)
+    return sheet.figure
+
+
+def _times(factor: float) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
+    """Return what turns an axis into one in another unit, and back."""
+    return lambda value: value * factor, lambda value: value / factor

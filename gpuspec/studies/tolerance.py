@@ -10,24 +10,28 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from gpuspec import words
-from gpuspec.backends import BESIDE, Backend, DeviceInfo
-from gpuspec.devices import open_backend
+from gpuspec.arrays import BESIDE
+from gpuspec.detection.inspection import inspect
+from gpuspec.detection.score import Score, score
 from gpuspec.errors import StationError
-from gpuspec.inspection import Progress, Traced, inspect, trace
-from gpuspec.parameters import MATERIALS
-from gpuspec.scoring import Score, score
-from gpuspec.station import Station
+from gpuspec.light.backend import Backend, DeviceInfo
+from gpuspec.light.devices import open_backend
+from gpuspec.pictures.page import MARGIN, SKY, VERMILION, WIDTH, Sheet, essentials
+from gpuspec.pictures.place import open_frame
+from gpuspec.simulation.simulate import Progress, Traced, trace
+from gpuspec.station.materials import MATERIALS
+from gpuspec.station.station import Station
 from gpuspec.studies.movements import frozen, movements
-from gpuspec.studies.outcome import Outcome
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from gpuspec.studies.outcome import GREY, Outcome
 
 Array = NDArray[np.float64]
 
@@ -93,7 +97,7 @@ class Tolerance(Outcome):
     nominal : Score
     perturbations : tuple of Perturbation
     notes : tuple of str
-        What is wrong with the station, see :mod:`gpuspec.cautions`.
+        What is wrong with the station, see :mod:`gpuspec.simulation.cautions`.
     """
 
     name: ClassVar[str] = "tolerance"
@@ -156,7 +160,7 @@ class Tolerance(Outcome):
 
     def figure(self) -> Figure:
         """See :meth:`Outcome.figure`."""
-        from gpuspec.studies.drawing import tolerance_picture
+        pass
 
         return tolerance_picture(self)
 
@@ -285,3 +289,45 @@ def _check(offset: float, rotation: float, height: float, reflectivity: float, s
             )
     if steps < 3 or steps % 2 == 0:
         raise StationError(f"steps = {steps} must be odd, so that nominal is among them, and >= 3.")
+
+
+def tolerance_picture(found: Tolerance) -> Figure:
+    """Draw P1, P2 and the share of defects hit, a panel for each perturbation."""
+    columns, width, height, pitch = 4, 285, 250, 370
+    rows = math.ceil(len(found.perturbations) / columns)
+    sheet = Sheet(WIDTH, 160 + rows * pitch)
+    nominal = found.nominal
+    sheet.heading(
+        f"Tolerance at the fixed threshold of {found.threshold_dn:.5g} DN: nominally "
+        f"P1 {nominal.p1:.3f}, P2 {nominal.p2:.3f}, {nominal.defects_hit} of {nominal.defects} "
+        f"defects hit ({words.BEST})",
+        essentials(found.station),
+        str(found.info),
+    )
+    for number, perturbation in enumerate(found.perturbations):
+        row, column = divmod(number, columns)
+        ax = sheet.axes(MARGIN + column * (width + 56), 150 + row * pitch, width, height)
+        curves = _draw_perturbation(ax, perturbation)
+        if column:
+            ax.set_ylabel("")
+    sheet.legend(curves, 100)
+    return sheet.figure
+
+
+def _draw_perturbation(ax: Axes, moved: Perturbation) -> list[Line2D]:
+    """Draw one perturbation's scores; return its curves for the legend."""
+    names = [str(value) for value in moved.values]
+    x = np.array(moved.values, np.float64) if moved.unit else np.arange(len(names))
+    open_frame(ax, f"{moved.name}, {moved.unit}" if moved.unit else moved.name,
+               f"share; {words.BEST}")  # fmt: skip
+    style: dict[str, Any] = {"markersize": 5, "linestyle": "-" if moved.unit else "none"}
+    drawn = [
+        *ax.plot(x, moved.p1, marker="o", color="black", label=words.P1, **style),
+        *ax.plot(x, moved.p2, marker="s", color=VERMILION, label=words.P2, **style),
+        *ax.plot(x, moved.hit, marker="^", color=SKY, label="defects hit", **style),
+        ax.axvline(x[moved.nominal], color=GREY, linestyle=":", label="nominal"),
+    ]
+    if not moved.unit:
+        ax.set_xticks(x, names, rotation=60, ha="right", fontsize=9)
+    ax.set_ylim(-0.03, 1.05)
+    return drawn

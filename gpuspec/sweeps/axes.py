@@ -11,10 +11,11 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 import numpy as np
 from pydantic import BaseModel
 
-from gpuspec.backends import LIGHT
-from gpuspec.defects import Distribution
 from gpuspec.errors import StationError
-from gpuspec.station import Station, places
+from gpuspec.light.light_map import LIGHT
+from gpuspec.station.defects import Distribution
+from gpuspec.station.paths import places
+from gpuspec.station.station import Station
 from gpuspec.words import plural
 
 DESIGN_SECTIONS = ("sensor", "sequence")

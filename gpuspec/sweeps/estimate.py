@@ -5,10 +5,10 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
-from gpuspec.sweeps.bench import Bench
-from gpuspec.sweeps.parts import BYTES_PER_PIXEL
+from gpuspec.sweeps.keeping.folder import table_bytes
 from gpuspec.sweeps.plan import Plan
-from gpuspec.sweeps.store import table_bytes
+from gpuspec.sweeps.trying.bench import Bench
+from gpuspec.sweeps.trying.parts import BYTES_PER_PIXEL
 
 _TRIED = {False: 8, True: 512}  # designs, sampled or not: enough to see past what is done once
 

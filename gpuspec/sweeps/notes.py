@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Sequence
 
-from gpuspec.cautions import assumptions, common, ineffective, of_station
 from gpuspec.errors import StationError
-from gpuspec.station import Station
+from gpuspec.simulation.cautions import assumptions, common, ineffective, of_station
+from gpuspec.station.station import Station
+from gpuspec.sweeps.keeping.folder import RunFolder
 from gpuspec.sweeps.plan import Plan
-from gpuspec.sweeps.store import RunFolder
 
 _LOOKED_AT = 128
 _GOLDEN = (5**0.5 - 1) / 2
@@ -32,7 +32,7 @@ def of_plan(plan: Plan) -> list[str]:
 
 
 def ideals_of_plan(plan: Plan) -> list[str]:
-    """Return what every design leaves to an ideal, see :func:`gpuspec.cautions.assumptions`."""
+    """Return what every design leaves to an ideal, see :func:`assumptions`."""
     return common(assumptions(station) for station in _spread(plan))
 
 

@@ -10,11 +10,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from gpuspec import __version__
 from gpuspec.errors import StationError
-from gpuspec.station import Station, places
-from gpuspec.stationfile import to_toml
+from gpuspec.station.paths import places
+from gpuspec.station.station import Station
+from gpuspec.station.toml import to_toml
 from gpuspec.sweeps.axes import Axis, axis, varied
+from gpuspec.version import __version__
 
 # From one part to the next; odd, so that seeds repeat after 2^32 parts, and no small multiple of it
 # is near another: populations with seeds 1 and 2 never meet.

@@ -16,8 +16,8 @@ import oracle
 from scenes import check_station, oracle_scene
 from test_accuracy import TABLE
 
-from gpuspec.devices import open_backend
-from gpuspec.reference import NumpyBackend
+from gpuspec.light.devices import open_backend
+from gpuspec.light.float64_backend import NumpyBackend
 
 
 def main() -> None:

@@ -14,9 +14,9 @@ import math
 import numba
 import numpy as np
 
-from gpuspec.device_test import Run, best, steps
-from gpuspec.devices import open_backend
-from gpuspec.station import Station
+from gpuspec.light.device_test import Run, best, steps
+from gpuspec.light.devices import open_backend
+from gpuspec.station.station import Station
 
 
 def numpy_mean(light, footprint, irradiance, a, period, gain, images):

@@ -12,10 +12,10 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from gpuspec.classification import DEFAULT_RULES, classify, confusion
-from gpuspec.measures import measure_blobs
-from gpuspec.scoring import score
-from gpuspec.segmentation import automatic_threshold, flawless_level, segment
+from gpuspec.detection.classes import DEFAULT_RULES, classify, confusion
+from gpuspec.detection.measures import measure_blobs
+from gpuspec.detection.score import score
+from gpuspec.detection.segmentation import automatic_threshold, flawless_level, segment
 
 T = TypeVar("T")
 

@@ -18,15 +18,16 @@ import numpy as np
 from aspect import best, numba_mean, numpy_mean
 from skimage.measure import label
 
-from gpuspec.opencl import OpenCLBackend
-from gpuspec.station import Station
-from gpuspec.stationfile import example
-from gpuspec.sweeps.bench import Bench
-from gpuspec.sweeps.front import Front
+from gpuspec.light.opencl import OpenCLBackend
+from gpuspec.part.truth import Truth
+from gpuspec.station.examples import example
+from gpuspec.station.station import Station
+from gpuspec.sweeps.choosing.front import Front
+from gpuspec.sweeps.crew import Alone
 from gpuspec.sweeps.plan import Plan
-from gpuspec.sweeps.run import Alone, sweep
-from gpuspec.sweeps.sampling import STRATA
-from gpuspec.truth import Truth
+from gpuspec.sweeps.sweep import sweep
+from gpuspec.sweeps.trying.bench import Bench
+from gpuspec.sweeps.trying.screening import STRATA
 
 GRID = {
     "tunnel.luminous_mm": "0.5:8:16",
@@ -110,7 +111,7 @@ def numpy_rows(station: Station, b: OpenCLBackend) -> list[tuple[str, float]]:
         getattr(light_map, name)[0].astype(np.float32)
         for name in ("light_mm", "footprint_mm", "irradiance")
     )
-    from gpuspec.relief import Relief
+    from gpuspec.part.relief import Relief
 
     truth = Truth.of(station, Relief.of(station)).labels
     tunnel, sensor = station.tunnel, station.sensor

@@ -16,13 +16,14 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from gpuspec.devices import open_backend
-from gpuspec.stationfile import example
-from gpuspec.sweeps.bench import Bench
-from gpuspec.sweeps.cluster import crew
+from gpuspec.light.devices import open_backend
+from gpuspec.station.examples import example
+from gpuspec.sweeps.cluster.crew import crew
+from gpuspec.sweeps.cluster.workers import Workers
+from gpuspec.sweeps.crew import Alone, Crew, Task
 from gpuspec.sweeps.plan import Plan
-from gpuspec.sweeps.run import Alone, Crew, Task, sweep
-from gpuspec.sweeps.workers import Workers
+from gpuspec.sweeps.sweep import sweep
+from gpuspec.sweeps.trying.bench import Bench
 
 
 def plan(designs: int) -> Plan:

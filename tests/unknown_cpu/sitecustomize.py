@@ -11,7 +11,7 @@ NAME = ctypes.create_string_buffer(b"generic")  # for as long as the process liv
 with contextlib.suppress(ImportError):  # pip's own processes, before anything is installed
     import pyopencl as cl
 
-    from gpuspec import pocl
+    from gpuspec.light import pocl
 
     for platform in cl.get_platforms():
         if platform.version == pocl.REPAIRED:

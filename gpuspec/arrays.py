@@ -1,0 +1,62 @@
+"""The arrays' words: images, label images, masks and the codes of lost light; their checks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def pooled(image: NDArray[Any], factor: int, by: np.ufunc) -> NDArray[Any]:
+    """Reduce squares of `factor` pixels by np.add (to their mean), np.maximum or np.minimum."""
+    if factor == 1:
+        return image
+    # Whole slices, rows then columns: far faster than reduceat, and the last square may be small.
+    for _ in range(2):
+        length = image.shape[0]
+        reduced = image[::factor].copy()
+        for start in range(1, factor):
+            others = image[start::factor]
+            by(reduced[: len(others)], others, out=reduced[: len(others)])
+        if by is np.add:
+            counts = np.minimum(factor, length - np.arange(0, length, factor))
+            reduced /= counts.astype(np.float32)[:, None]
+        image = reduced.T
+    return image
+
+
+GreyLevels = NDArray[np.floating[Any] | np.integer[Any]]
+LabelImage = NDArray[np.integer[Any]]
+Mask = NDArray[np.bool_]
+
+
+def check_label_image(name: str, labels: LabelImage, shape: tuple[int, ...] | None = None) -> None:
+    """Raise ValueError unless `labels` is an (M, N) array of integers from 0 (of this shape)."""
+    if labels.ndim != 2 or labels.dtype.kind not in "iu":
+        raise ValueError(
+            f"{name} must be an (M, N) array of integers, not {labels.dtype} of {labels.shape}."
+        )
+    if shape is not None and labels.shape != shape:
+        raise ValueError(f"{name} is {labels.shape} but the image beside it is {shape}.")
+    if labels.size and labels.min() < 0:
+        raise ValueError(f"{name} holds {labels.min()}; labels start at 0.")
+
+
+def check_mask(name: str, mask: Mask, shape: tuple[int, ...]) -> None:
+    """Raise ValueError unless `mask` is an array of bool of this shape."""
+    if mask.dtype != np.bool_ or mask.shape != shape:
+        raise ValueError(
+            f"{name} must be an array of bool of {shape}, not {mask.dtype} of {mask.shape}."
+        )
+
+
+Image = NDArray[np.float32]
+LOST = (
+    "seen",
+    "beside the part",
+    "reflected down, away from the tunnel",
+    "past the tunnel's end",
+    "in the camera's opening",
+)
+BESIDE = 1

@@ -1,0 +1,159 @@
+"""The command that searches between bounds, and draws what it tried."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gpuspec import words
+from gpuspec.cli.options import (
+    GOAL_HELP,
+    P1_FLOOR_HELP,
+    P2_FLOOR_HELP,
+    BackendOption,
+    DeviceOption,
+    ForceOption,
+    OutputOption,
+    SetOption,
+    StationArgument,
+    changed,
+)
+from gpuspec.cli.terminal import console, extra, print_notes, progress
+
+if TYPE_CHECKING:
+    from gpuspec.station.station import Station
+    from gpuspec.sweeps.plan import Plan
+    from gpuspec.sweeps.searching.optimise import Optimum
+    from gpuspec.sweeps.searching.search import Trial
+
+
+def optimise(
+    station: StationArgument,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--vary",
+            metavar="KEY=FROM:TO",
+            help="A key and its bounds. Not given: the ends of the ranges in [sweep].",
+        ),
+    ] = None,
+    trials: Annotated[
+        int, typer.Option("--trials", min=1, help="Designs to try, earlier ones included.")
+    ] = 200,
+    parts: Annotated[
+        int | None, typer.Option("--parts", help="Parts that each design is tried on.")
+    ] = None,
+    goal: Annotated[str, typer.Option("--goal", help=GOAL_HELP)] = "p1",
+    hit_share: Annotated[
+        float | None, typer.Option("--hit-share", help="Least share of defects to be hit.")
+    ] = None,
+    p2_floor: Annotated[float | None, typer.Option("--p2-floor", help=P2_FLOOR_HELP)] = None,
+    p1_floor: Annotated[float | None, typer.Option("--p1-floor", help=P1_FLOOR_HELP)] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the search.")] = 0,
+    output: OutputOption = Path("optimum"),
+    write: Annotated[
+        Path | None, typer.Option("--write", help="Write the best station, e.g. best.toml.")
+    ] = None,
+    force: ForceOption = False,
+    backend: BackendOption = "auto",
+    device: DeviceOption = None,
+    change: SetOption = None,
+) -> None:
+    """Search between bounds for the best design. The same command with more trials goes on."""
+    with extra("optimise"):
+        from gpuspec.sweeps.searching.optimise import WRITTEN, outputs, plan_of
+        from gpuspec.sweeps.searching.optimise import optimise as search
+    from gpuspec.errors import StationError
+    from gpuspec.files import check_new, write_new
+    from gpuspec.station.station import Station
+    from gpuspec.station.toml import to_toml
+    from gpuspec.sweeps.axes import VARY_BETWEEN, vary_options
+    from gpuspec.sweeps.rule import Rule
+    from gpuspec.sweeps.searching.picture import optimise_picture, write_trials
+
+    floors = {"p2_floor": p2_floor, "p1_floor": p1_floor, "hit_share": hit_share}
+    rule = Rule(goal, **{k: v for k, v in floors.items() if v is not None})  # type: ignore[arg-type]
+    described = changed(Station.read(station), change)
+    between = vary_options(vary, VARY_BETWEEN) if vary else None
+    for key, given in (between or {}).items():
+        if given.count(":") == 2:
+            raise StationError(
+                f"--vary {key}={given} counts values, and a search takes all between two bounds; "
+                f"write {given.rpartition(':')[0]}."
+            )
+    plan = plan_of(described, between, parts)
+    results = outputs(plan, output, force=force)
+    results.check()
+    if write:
+        check_new(write, force=force, inputs=results.inputs)
+    if not vary:
+        _note_lists(described, plan)
+    began, done = time.monotonic(), 0
+    with progress() as tell:
+
+        def told(trial: Trial, number: int) -> None:
+            nonlocal done
+            done += 1
+            tell(f"trial {number} of {trials}")
+
+        found = search(plan, output, trials, rule, seed, backend, device, told)
+        seconds = time.monotonic() - began
+        with results.writing() as partial:
+            write_trials(partial / WRITTEN[0], found)
+            (partial / WRITTEN[1]).write_bytes(optimise_picture(found))
+    if write:
+        write_new(
+            write, to_toml(found.station(), absolute=True), force=force, inputs=results.inputs
+        )
+    _print(found, done, seconds)
+    out = console()
+    out.print(f"{', '.join(WRITTEN)} in {output}", soft_wrap=True)
+    if write:
+        out.print(f"{write} written; simulate it with: gpuspec simulate {write}", soft_wrap=True)
+
+
+def _note_lists(station: Station, plan: Plan) -> None:
+    """Say of which keys a sweep would take listed values alone, and a search what lies between."""
+    given = station.sweep.vary if station.sweep else {}
+    for a in plan.axes:
+        if isinstance(given.get(a.key), list):
+            low, high = a.values
+            console().print(
+                f"note: [sweep] lists values of {a.key}; searched is all from {words.number(low)} "
+                f"to {words.number(high)}.",
+                soft_wrap=True,
+            )
+
+
+def _print(found: Optimum, done: int, seconds: float) -> None:
+    from gpuspec.cli.tables import print_score, print_table
+    from gpuspec.simulation.cautions import out_of_view, without_effect
+    from gpuspec.sweeps.rule import f1_of
+
+    out, best = console(), found.trials[found.best]
+    rate = f", {done} of them now, {done / seconds:.1f} a second" if done else ", none of them now"
+    out.print(f"{len(found.trials):,} trials{rate}; {found.info}", soft_wrap=True)
+    out.print(f"rule: {found.rule}", soft_wrap=True)
+    if not found.rule.fulfilled(best.p1, best.p2, best.hits, best.defects):
+        out.print("note: no trial fulfils the rule; this one comes nearest.", soft_wrap=True)
+    invalid = [trial.reason for trial in found.trials if trial.reason]
+    if invalid:
+        out.print(
+            f"note: {len(invalid)} trials are no valid station, e.g.: {invalid[0]}", soft_wrap=True
+        )
+    tried = found.plan.station.replace(**best.values)
+    hidden = out_of_view(tried, found.plan.parts, best.defects or 0)
+    print_notes([*(best.notes or "").splitlines(), *hidden, *without_effect(tried)])
+    rows = [(key, words.number(value)) for key, value in best.values.items()]
+    print_table(rows, title=f"best trial, number {found.best + 1}", framed=False)
+    print_score(
+        f"{best.p1:.4f}", f"{best.p2:.4f}",
+        f"{f1_of(best.p1, best.p2):.4f}",  # type: ignore[arg-type]
+        [
+            ("defects hit", f"{best.hits} of {best.defects}", ""),
+            ("threshold", f"{best.threshold_dn:.6g} DN", ""),
+        ],
+    )  # fmt: skip

@@ -1,0 +1,106 @@
+"""What a backend is: a device that traces stations to light maps."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from gpuspec.errors import BackendError
+from gpuspec.light.light_map import LightMap
+from gpuspec.part.relief import Relief
+from gpuspec.station.station import Station
+
+Settings = Mapping[str, Any]
+"""What a device needs to compute, and to be fast, as JSON holds it."""
+
+
+@dataclass(frozen=True)
+class DeviceInfo:
+    """Where images are made; recorded with every output."""
+
+    backend: str
+    device: str
+    driver: str
+    version: str
+
+    def as_dict(self) -> dict[str, str]:
+        """Return the fields as a dictionary."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        return f"{self.backend} on {self.device} ({self.driver} {self.version})"
+
+
+class Backend(ABC):
+    """A device that traces stations.
+
+    Attributes
+    ----------
+    info : DeviceInfo
+    number : int
+        Of the device, as `gpuspec devices` counts.
+    memory_bytes : int
+        What light maps may take of its memory.
+    advice : str
+        What to do where the device does not compute.
+    """
+
+    info: DeviceInfo
+    number: int = 0
+    memory_bytes: int = 1 << 30
+    advice = (
+        "Update its driver, or choose another --device or --backend; `gpuspec devices` lists them."
+    )
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.info})"
+
+    def candidates(self) -> Sequence[Settings]:
+        """Return the settings with which the device may compute, the best first."""
+        return ({},)
+
+    def settle(self, settings: Settings) -> None:  # noqa: B027 (most have none)
+        """Take the settings with which the device is known to compute."""
+
+    @abstractmethod
+    def trace(self, station: Station, relief: Relief | None = None) -> LightMap:
+        """Trace a station to a light map that stays on the device.
+
+        Parameters
+        ----------
+        station : Station
+        relief : Relief, optional
+            The station's relief if already resolved.
+        """
+
+
+def chosen(backend: str, names: Sequence[str], wanted: str | None) -> int:
+    """Return the number of the device asked for, by number or part of its name; None: the first.
+
+    Raises
+    ------
+    BackendError
+        If there is none, naming those there are.
+    """
+    if wanted is None:
+        return 0
+    for number, name in enumerate(names):
+        named = not wanted.isdecimal() and wanted.lower() in name.lower()
+        if named or wanted == str(number):
+            return number
+    known = ", ".join(f"{number} ({name.strip()})" for number, name in enumerate(names))
+    raise BackendError(f"{backend}: no device {wanted!r}; choose by number or name from {known}.")
+
+
+def failure(info: DeviceInfo, reason: object, *, memory: bool = False) -> BackendError:
+    """Return what to say of a device that failed, where its driver only has a code."""
+    if memory:
+        return BackendError(
+            f"{info.backend}: {info.device} is out of memory ({reason}); use a larger "
+            f"camera.sampling_mm, another --device or --backend numpy."
+        )
+    return BackendError(
+        f"{info.backend}: {info.device} failed ({reason}); try another --device or --backend numpy."
+    )

@@ -1,0 +1,85 @@
+"""PoCL as pip installs it, on a CPU newer than its compiler: it gets the name of an older one.
+
+The wheel's LLVM 14 calls a CPU that it does not know `generic`, which its own clang then refuses
+("unknown target CPU 'generic'": pocl issues 512 and 1049). No build flag changes that, and there is
+no newer wheel. But the device's structure holds a pointer to the name, read at each build.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from pathlib import Path
+from typing import Any
+
+REPAIRED = "OpenCL 3.0 PoCL 3.0-rc2  Linux, Release, RELOC, LLVM 14.0.6, SLEEF, DISTRO, POCL_DEBUG"
+"""The one build of PoCL whose device structure is known: that of pocl-binary-distribution 3.0."""
+
+SWITCH = "GPUSPEC_POCL_CPU"
+"""Environment variable: a CPU's name as LLVM has it, to be taken in place of `generic`; "off"."""
+
+_TRIPLE = b"x86_64-unknown-linux-gnu"
+_UNKNOWN = b"generic"
+_TRIPLE_WORD, _CPU_WORD = 79, 80  # eight-byte words from the start of struct _cl_device_id
+
+_HASWELL = {"avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe", "popcnt"}
+# The first whose instructions, those that compilers choose by themselves, the machine has. LLVM 14
+# knows no later AMD than Zen 3.
+_NAMES = (
+    (b"znver3", _HASWELL | {"sse4a", "adx", "clzero"}),
+    (b"skylake-avx512", _HASWELL | {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"}),
+    (b"haswell", _HASWELL),
+    (b"x86-64", set[str]()),
+)
+
+_kept: list[Any] = []  # the device points into these strings for as long as the process lives
+
+
+def repair(device: Any) -> None:
+    """Give a device of PoCL whose compiler does not know its CPU the name of an older CPU.
+
+    Does nothing unless version, triple and the word `generic` are all as expected. That it helped
+    is for the device's proof to say, see :mod:`gpuspec.light.proof`.
+
+    Parameters
+    ----------
+    device : pyopencl.Device
+        Before anything is built on it.
+    """
+    if device.platform.version != REPAIRED:
+        return
+    words = _at(device, _TRIPLE_WORD), _at(device, _CPU_WORD)
+    wanted = os.environ.get(SWITCH, "")
+    if wanted == "off" or words != (_TRIPLE, _UNKNOWN):
+        return
+    name = ctypes.create_string_buffer(wanted.encode() or suited(_flags()))
+    _kept.append(name)
+    _words(device)[_CPU_WORD] = ctypes.addressof(name)
+
+
+def cpu(device: Any) -> str:
+    """Return the CPU's name for which the wheel's PoCL compiles; "" for other drivers."""
+    return _at(device, _CPU_WORD).decode() if device.platform.version == REPAIRED else ""
+
+
+def suited(flags: set[str]) -> bytes:
+    """Return the CPU's name, as LLVM 14 has it, that suits the flags of /proc/cpuinfo."""
+    return next(name for name, needed in _NAMES if needed <= flags)
+
+
+def _words(device: Any) -> Any:
+    return (ctypes.c_void_p * (_CPU_WORD + 1)).from_address(device.int_ptr)
+
+
+def _at(device: Any, word: int) -> bytes:
+    pointer = _words(device)[word]
+    return ctypes.string_at(pointer) if pointer else b""
+
+
+def _flags() -> set[str]:
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return set()
+    lines = (line.partition(":") for line in text.splitlines())
+    return next((set(value.split()) for key, _, value in lines if key.strip() == "flags"), set())

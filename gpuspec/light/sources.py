@@ -1,0 +1,147 @@
+"""The only reader of `kernels/` and `shaders/`: source text with its includes resolved."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from functools import cache
+from pathlib import Path
+
+_INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
+_LINE = re.compile(r"^#line (\d+) (\d+)$", re.MULTILINE)
+_PLACE = re.compile(r"^((?:ERROR: |WARNING: )?)\d+[:(](\d+)(?:\(\d+\)|\))?\s*:", re.MULTILINE)
+# The line after a pattern: text that is not finished is met here, not in the program's own lines.
+_CLOSED = "void end_of_pattern_() { }"
+_FILE = 100_000  # lines of a file, at most
+
+
+def folder(name: str) -> Path:
+    """Return the folder of `kernels` or `shaders`: inside the installed package, or beside it."""
+    package = Path(__file__).parents[1]
+    return package / name if (package / name).is_dir() else package.parent / name
+
+
+@cache
+def digest() -> str:
+    """Return a digest of every kernel and shader."""
+    found = hashlib.sha256()
+    for name in ("kernels", "shaders"):
+        for path in sorted(folder(name).rglob("*.*")):
+            found.update(path.name.encode() + path.read_bytes())
+    return found.hexdigest()
+
+
+@cache
+def kernel_source(name: str) -> str:
+    """Return an OpenCL C file of `kernels/` with every include in place, once each.
+
+    ``#line`` directives keep file and line in the compiler's messages.
+    """
+    return resolved((folder("kernels") / name).read_text(encoding="utf-8"), f"kernels/{name}")
+
+
+def resolved(text: str, name: str) -> str:
+    """Return OpenCL C text with every include of `kernels/` in place; `name` is for messages."""
+    return "\n".join(_resolved(text, name, {}, '#line {line} "{name}"'))
+
+
+@cache
+def shader_source(
+    name: str,
+    version: int,
+    defines: tuple[str, ...] = (),
+    lines: bool = True,
+    pattern: tuple[str, str] | None = None,
+) -> tuple[str, tuple[str, ...]]:
+    """Return a GLSL file of `shaders/`, ready to compile; see :func:`resolved_shader`."""
+    text = (folder("shaders") / name).read_text(encoding="utf-8")
+    return resolved_shader(text, f"shaders/{name}", version, defines, lines, pattern)
+
+
+def resolved_shader(
+    text: str,
+    name: str,
+    version: int,
+    defines: tuple[str, ...] = (),
+    lines: bool = True,
+    pattern: tuple[str, str] | None = None,
+) -> tuple[str, tuple[str, ...]]:
+    """Return GLSL text with every include of `shaders/` and `kernels/` in place, once each.
+
+    Parameters
+    ----------
+    text : str
+        Without ``#version``.
+    name : str
+        For messages.
+    version : int
+        Of the language, e.g. 330.
+    defines : tuple of str
+        Words to define, e.g. ``"NOISE"`` or ``"SUB_RAYS 4"``.
+    lines : bool
+        Whether ``#line`` directives keep file and line. GLSL numbers its files.
+    pattern : tuple of str, optional
+        File name and text of a user's own, in place of ``#include "pattern.glsl"``.
+
+    Returns
+    -------
+    text : str
+    names : tuple of str
+        The files by their number; `named_files` puts them into a compiler's messages.
+    """
+    names: dict[str, int] = {}
+    body = _resolved(text, name, names, "#line {line} {number}" if lines else "", pattern)
+    head = [f"#version {version}", *(f"#define {word}" for word in ("GPUSPEC_GLSL", *defines))]
+    return "\n".join([*head, *body, ""]), tuple(names)
+
+
+def numbered_lines(text: str) -> str:
+    """Return GLSL text whose lines carry their file's number: Mesa forgets that of ``#line``."""
+    return _LINE.sub(lambda found: f"#line {int(found[2]) * _FILE + int(found[1])}", text)
+
+
+def named_files(log: str, names: tuple[str, ...]) -> str:
+    """Return the compiler's messages on `numbered_lines` with file and line.
+
+    Mesa writes ``0:12(5): error``, NVIDIA ``0(12) : error``, Apple ``ERROR: 0:12:``.
+    """
+
+    def name(found: re.Match[str]) -> str:
+        file, line = divmod(int(found[2]), _FILE)
+        return f"{found[1]}{names[file]}:{line}:" if file < len(names) else found[0]
+
+    return _PLACE.sub(name, log)
+
+
+def _resolved(
+    text: str,
+    name: str,
+    seen: dict[str, int],
+    directive: str,
+    pattern: tuple[str, str] | None = None,
+) -> list[str]:
+    """Text line by line; `seen` numbers the files, `directive` says where a line is from."""
+    number = seen.setdefault(name, len(seen))
+
+    def here(line: int) -> list[str]:
+        return [directive.format(line=line, number=number, name=name)] if directive else []
+
+    lines = here(1)
+    for at, line in enumerate(text.splitlines(), 1):
+        include = _INCLUDE.match(line)
+        if include is None:
+            lines.append(line)
+            continue
+        where = "shaders" if include[1].endswith(".glsl") else "kernels"
+        included = f"{where}/{include[1]}"
+        if include[1] == "pattern.glsl":
+            if pattern is not None:
+                lines += _resolved(f"{pattern[1].rstrip()}\n{_CLOSED}", pattern[0], seen, directive)
+                lines += here(at + 1)
+        elif included not in seen:
+            header = (folder(where) / include[1]).read_text(encoding="utf-8")
+            lines += _resolved(header, included, seen, directive, pattern)
+            lines += here(at + 1)
+        else:
+            lines.append("")
+    return lines

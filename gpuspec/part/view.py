@@ -1,0 +1,39 @@
+"""Which point of the part a pixel looks at, and which pixel sees a point."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpuspec.part.shapes import curvatures, shape_height
+from gpuspec.station.station import Station
+
+_NEWTON_STEPS = 8
+
+
+def surface_points(
+    station: Station, column: NDArray[np.int64], row: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return x and y (mm) of the surface behind pixel centres; relief is left out of parallax."""
+    rows, columns = station.shape
+    x = (np.asarray(column, np.float64) + 0.5 - columns / 2) * station.camera.sampling_mm
+    y = (rows / 2 - np.asarray(row, np.float64) - 0.5) * station.camera.sampling_mm
+    x, y = np.broadcast_arrays(x, y)
+    if station.part.surface == "orientation":
+        return x, y
+    h = station.camera.height_mm
+    axes = list(zip(curvatures(station), (x, y), strict=True))
+    k = np.ones(x.shape)
+    for _ in range(_NEWTON_STEPS):
+        miss = k - 1 + shape_height(x * k, y * k, station) / h
+        slope = [c * u * k / np.sqrt(np.maximum(1 - (c * u * k) ** 2, 1e-6)) for c, u in axes]
+        k = k - miss / (1 - (slope[0] * x + slope[1] * y) / h)
+    return x * k, y * k
+
+
+def pixel_position(points: NDArray[np.float64], station: Station) -> NDArray[np.float64]:
+    """Return (column, row), pixel edges whole, of points (x, y) in mm; shape (S, 2)."""
+    rows, columns = station.shape
+    half = np.array([columns, rows]) / 2
+    position: NDArray[np.float64] = half + points * [1, -1] / station.camera.sampling_mm
+    return position

@@ -1,0 +1,494 @@
+"""The inspection station: part, defects, tunnel, camera, sensor, sequence, as one file says it.
+
+Every key carries its unit. Every default is gpuspec's own choice: the paper (Seulin, Merienne,
+Gorria) prints no camera distance, stripe width or image count.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, PrivateAttr, ValidationError, model_validator
+
+from gpuspec.errors import StationError, TopographyError
+from gpuspec.station.defects import (
+    Defect,
+    Patch,
+    Population,
+    Scratch,
+    ScratchPopulation,
+    Section,
+    Topography,
+)
+from gpuspec.station.mistakes import explain
+from gpuspec.station.paths import at, merged, places, plain
+from gpuspec.station.sections import (
+    Camera,
+    ClassRule,
+    Part,
+    Segmentation,
+    Sensor,
+    Sequence,
+    Sweep,
+    Tunnel,
+)
+from gpuspec.units import MICRO
+
+_SIDES = ("length_mm", "width_mm")  # of the part
+_PATH_MAX = 200  # letters; no key of a station needs as many
+_BARE_ENTRY = re.compile(r"^\s*[a-z]+\[\d+\][.\w]*\s*=", re.MULTILINE)
+
+
+def _part_of(data: dict[str, Any]) -> dict[str, Any]:
+    """Return what the data say of the part; empty if that is no table."""
+    part = data.get("part")
+    if isinstance(part, Part):
+        return {key: getattr(part, key) for key in part.model_fields_set}
+    return part if isinstance(part, dict) else {}
+
+
+def _sides_of_map(data: dict[str, Any], folder: Path) -> dict[str, float | None]:
+    """Return the sides of the part that its map decides, None where the map cannot be read yet."""
+    part = _part_of(data)
+    relief = part.get("relief")
+    if not isinstance(relief, (dict, Topography)):
+        return {}
+    sides: dict[str, float | None] = {side: None for side in _SIDES if side not in part}
+    if sides:
+        from gpuspec.topographies.file import size_mm
+
+        try:
+            topography = Topography.model_validate(relief)
+            size = size_mm(topography, folder / topography.file)
+        except (ValidationError, TopographyError):
+            return sides
+        for side, value in zip(_SIDES, size, strict=True):
+            if side in sides:
+                sides[side] = float(f"{value:.9g}")
+    return sides
+
+
+def _sized(data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Return the data with the sides of the part that its map decides and can be read of it."""
+    sides = {side: value for side, value in _sides_of_map(data, folder).items() if value}
+    return {**data, "part": {**_part_of(data), **sides}} if sides else data
+
+
+class Station(Section):
+    """One inspection station, whole and valid.
+
+    Raises
+    ------
+    StationError
+        One line per wrong value.
+    """
+
+    part: Part = Part()
+    tunnel: Tunnel = Tunnel()
+    camera: Camera = Camera()
+    sensor: Sensor = Sensor()
+    sequence: Sequence = Sequence()
+    defects: tuple[Defect, ...] = Field((), strict=False, description="known defects, one by one")
+    populations: tuple[Population, ...] = Field(
+        (), strict=False, description="defects at random places, of random sizes"
+    )
+    segmentation: Segmentation = Segmentation()
+    classes: tuple[ClassRule, ...] = Field(
+        (), strict=False, description="classes of blobs; none: scratch, and dent or bump"
+    )
+
+    sweep: Sweep | None = Field(None, description="what `gpuspec sweep` varies")
+
+    _folder: Path = PrivateAttr(default_factory=Path.cwd)
+    _file: str = PrivateAttr(default="station")
+    _source: Path | None = PrivateAttr(default=None)
+
+    def __init__(self, /, **sections: Any) -> None:
+        data = plain(sections)
+        try:
+            super().__init__(**_sized(data, Path.cwd()))
+        except ValidationError as error:
+            raise StationError("\n".join(explain(error, type(self), "station"))) from None
+        self.part.model_fields_set.difference_update(_sides_of_map(data, Path.cwd()))
+
+    # Read by pydantic: what is validated from a file goes another way, and names the file.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    @classmethod
+    def of(cls, given: Station | str | Path) -> Station:
+        """Return a station as it is, or read it if a path is given.
+
+        Raises
+        ------
+        StationError
+            As :meth:`read`.
+        """
+        return given if isinstance(given, cls) else cls.read(given)  # type: ignore[arg-type]
+
+    @classmethod
+    def read(cls, path: str | Path) -> Station:
+        """Read a station from a TOML file.
+
+        Parameters
+        ----------
+        path : str or Path
+            The station file; files named in it are found relative to its folder.
+
+        Returns
+        -------
+        Station
+
+        Raises
+        ------
+        StationError
+            File missing, not TOML, unknown key or impossible value; one sentence for each.
+        """
+        if not isinstance(path, (str, Path)):
+            raise StationError(
+                f"a station is a Station or the path of its file, not {type(path).__name__}; "
+                f"Station.from_dict makes one of a dictionary."
+            )
+        path = Path(path)
+        try:
+            text = path.read_bytes().decode("utf-8-sig")
+        except FileNotFoundError:
+            raise StationError(
+                f"{path}: no such station file; `gpuspec init` writes one to start from."
+            ) from None
+        except IsADirectoryError:
+            raise StationError(f"{path}: this is a folder; name a station file in it.") from None
+        except (OSError, UnicodeDecodeError) as error:
+            raise StationError(f"{path}: cannot be read as UTF-8 text ({error}).") from None
+        station = cls.parse(text, path.name, path.resolve().parent)
+        station._source = path.absolute()
+        return station
+
+    @classmethod
+    def parse(cls, text: str, file: str = "station", folder: str | Path = ".") -> Station:
+        """Build a station from TOML text; `file` names it in errors.
+
+        Raises
+        ------
+        StationError
+            As :meth:`read`.
+        """
+        try:
+            data = tomllib.loads(text)
+        except (ValueError, RecursionError) as error:  # ValueError: a number too long, too
+            way = '; a key with [1] in it needs quotes: "defects[1].depth_um"'
+            hint = way if _BARE_ENTRY.search(text) else ""
+            raise StationError(f"{file}: not a valid TOML file: {error}{hint}.") from None
+        return cls.from_dict(data, file, folder)
+
+    @classmethod
+    def from_dict(
+        cls, data: dict[str, Any], file: str = "station", folder: str | Path = "."
+    ) -> Station:
+        """Build a station from nested dictionaries as TOML gives them.
+
+        A part with a measured relief and without ``length_mm`` or ``width_mm`` gets them from the
+        map, if it can be read; whoever uses the map says why it cannot.
+
+        Raises
+        ------
+        StationError
+            As :meth:`read`.
+        """
+        sides = _sides_of_map(data, Path(folder))
+        try:
+            station = cls.model_validate(_sized(data, Path(folder)))
+        except ValidationError as error:
+            said = explain(error, cls, file)
+            if any(sides.values()):
+                taken = " and ".join(f"{k} = {v:g}" for k, v in sides.items() if v)
+                said.append(f"{file}: part.relief gives the part {taken}; check its map's pitch.")
+            raise StationError("\n".join(said)) from None
+        station._folder = Path(folder)
+        station._file = file
+        station.part.model_fields_set.difference_update(sides)
+        return station
+
+    def replace(self, /, **changes: Any) -> Station:
+        """Return a station with values changed by dotted path, e.g. ``{"tunnel.dark_mm": 8.0}``.
+
+        Entries of lists count from 1: ``{"defects[2].depth_um": 3.0}``. A dictionary changes the
+        keys it names and leaves the others of its section: ``{"tunnel": {"dark_mm": 8.0}}``; only a
+        defect with other keys takes the place of the old one whole. None unsets a key.
+
+        Keyword names use ``__`` for the dot: ``replace(tunnel__dark_mm=8.0)``.
+
+        Raises
+        ------
+        StationError
+            If the changed station is invalid.
+        """
+        data = self.as_dict()
+        sides = {side: data["part"].pop(side) for side in self.sides_of_map}
+        for name, value in plain(changes).items():
+            path = name.replace("__", ".")
+            *sections, key = places(path)
+            if len(path) > _PATH_MAX:
+                raise StationError(f"{self._file}: {path[:50]}... is not a known key.")
+            target: Any = data
+            for place in sections:
+                target = self._inside(target, place, path)
+            if isinstance(key, int):
+                self._inside(target, key, path)  # there must be such an entry
+                if value is None:
+                    raise StationError(
+                        f"{self._file}: {path} cannot be unset alone; give the whole list, e.g. "
+                        f"{sections[-1]} = []."
+                    )
+                target[key] = merged(at(self, path), target[key], value)
+            elif not isinstance(target, dict):
+                raise StationError(
+                    f"{self._file}: {path} cannot be changed: {sections[-1]} is not a table of "
+                    f"keys."
+                )
+            elif value is None:
+                target.pop(key, None)
+            else:
+                target[key] = merged(at(self, path), target.get(key), value)
+        part = data.get("part")
+        if isinstance(part, dict) and "relief" not in part:
+            data["part"] = sides | part  # another map gives another size; without one it stays
+        changed = type(self).from_dict(data, self._file, self._folder)
+        changed._source = self._source
+        return changed
+
+    def _inside(self, target: Any, place: str | int, path: str) -> Any:
+        """Return what stands at a place of nested tables and lists; a missing table is made."""
+        if isinstance(place, int):
+            if not isinstance(target, list) or not 0 <= place < len(target):
+                raise StationError(f"{self._file}: {path} cannot be changed: no such entry.")
+            return target[place]
+        if isinstance(target, list):
+            raise StationError(
+                f"{self._file}: {path} cannot be changed: a list has entries [1], [2] ..."
+            )
+        found = target.setdefault(place, {}) if isinstance(target, dict) else None
+        if isinstance(found, tuple):
+            found = target[place] = list(found)
+        if not isinstance(found, (dict, list)):
+            raise StationError(
+                f"{self._file}: {path} cannot be changed: {place} is not a table of keys."
+            )
+        return found
+
+    def __repr__(self) -> str:
+        part, tunnel = self.part, self.tunnel
+        rows, columns = self.shape
+        count = len(self.defects)
+        known = f"{count} defect{'s' * (count != 1)}"
+        placed = f", {len(self.populations)} populations" if self.populations else ""
+        relief = f", relief {part.relief.file}" if part.relief else ""
+        return (
+            f"Station({self._file}: part {part.length_mm:g} x {part.width_mm:g} mm{relief}, {known}"
+            f"{placed}; {tunnel.section} at {tunnel.top_mm:g} mm, stripes {tunnel.luminous_mm:g} + "
+            f"{tunnel.dark_mm:g} mm; {columns} x {rows} pixels, {self.sequence.images} images)"
+        )
+
+    __str__ = __repr__
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return nested plain values, keys with value none left out, as TOML holds them."""
+        return self.model_dump(exclude_none=True, mode="python")
+
+    def locate(self, file: str) -> Path:
+        """Return the path of a file named in the station, relative to the station's folder."""
+        return self._folder / file
+
+    @property
+    def sides_of_map(self) -> tuple[str, ...]:
+        """Keys of the part's size that the map of its relief decides, for none was given."""
+        given = self.part.model_fields_set if self.part.relief else _SIDES
+        return tuple(side for side in _SIDES if side not in given)
+
+    @property
+    def file(self) -> str:
+        """Name of the file it was read from, for messages."""
+        return self._file
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Files named in it, as they are named, each once: topographies and their zones.
+
+        A surface that is made is none.
+        """
+        from gpuspec.topographies.made import is_made
+
+        named = (self.part.relief, *self.defects)
+        names = (getattr(one, key, None) for one in named for key in ("file", "zone_file"))
+        given = {name for name in names if name}
+        return tuple(sorted(name for name in given if not is_made(name, self.locate(name))))
+
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        """Every file that it was made from: its own, if it was read from one, and those named."""
+        own = (self._source,) if self._source else ()
+        return (*own, *map(self.locate, self.files))
+
+    @cached_property
+    def shape(self) -> tuple[int, int]:
+        """Image shape (M, N) in pixels."""
+        step = self.camera.sampling_mm
+        return (
+            self.camera.rows or max(math.ceil(self.part.width_mm / step - 1e-6), 1),
+            self.camera.columns or max(math.ceil(self.part.length_mm / step - 1e-6), 1),
+        )
+
+    @property
+    def step_mm(self) -> float:
+        """Translation of the tunnel between two images."""
+        return self.sequence.step_mm or self.tunnel.period_mm / self.sequence.images
+
+    @property
+    def distinct_shifts(self) -> int | None:
+        """Number of distinct, equally spaced shifts that fill the period; None if they do not.
+
+        When K images of step s cover j whole periods, the shifts modulo the period are
+        K / gcd(j, K) equal steps: the closed form of the mean holds.
+        """
+        images = self.sequence.images
+        periods = images * self.step_mm / self.tunnel.period_mm
+        whole = round(periods)
+        if whole < 1 or abs(periods - whole) > 1e-9 * whole:
+            return None
+        return images // math.gcd(whole, images)
+
+    def height_range_mm(self) -> tuple[float, float]:
+        """Lowest and highest point of the part's shape (without relief), in mm."""
+        low = high = 0.0
+        for size, radius in (
+            (self.part.length_mm, self.part.crown_radius_x_mm),
+            (self.part.width_mm, self.part.crown_radius_y_mm),
+        ):
+            if radius:
+                edge = -((size / 2) ** 2) / radius / (1 + math.sqrt(1 - (size / 2 / radius) ** 2))
+                low, high = low + min(edge, 0), high + max(edge, 0)
+        return low, high
+
+    @model_validator(mode="after")
+    def _possible(self) -> Station:
+        return self.possible()
+
+    def possible(self) -> Station:
+        """Return self if its sections fit together.
+
+        Raises
+        ------
+        ValueError
+            If they do not: what is wrong.
+        """
+        part, tunnel, camera = self.part, self.tunnel, self.camera
+        for axis, size in (("x", part.length_mm), ("y", part.width_mm)):
+            radius = getattr(part, f"crown_radius_{axis}_mm")
+            side = "length_mm" if axis == "x" else "width_mm"
+            if radius is not None and abs(radius) <= size / 2:
+                raise ValueError(
+                    f"part.crown_radius_{axis}_mm = {radius:g} must be larger than half the "
+                    f"part's {side} ({size / 2:g}), or left out for a flat part"
+                )
+        high = self.height_range_mm()[1]
+        if tunnel.section == "arch":
+            if tunnel.radius_mm is None:
+                raise ValueError('tunnel.radius_mm is missing: section = "arch" needs it')
+            if math.hypot(part.width_mm / 2, max(high, 0)) >= tunnel.radius_mm:
+                raise ValueError(
+                    f"tunnel.radius_mm = {tunnel.radius_mm:g} must be larger than the part's "
+                    f"half width and height, {math.hypot(part.width_mm / 2, high):g}"
+                )
+        elif tunnel.height_mm <= high:
+            raise ValueError(
+                f"tunnel.height_mm = {tunnel.height_mm:g} must be above the part's highest "
+                f"point, {high:g}"
+            )
+        if tunnel.section == "box" and tunnel.width_mm is None:
+            raise ValueError('tunnel.width_mm is missing: section = "box" needs it')
+        if tunnel.section == "box" and (tunnel.width_mm or 0) <= part.width_mm:
+            raise ValueError(
+                f"tunnel.width_mm = {tunnel.width_mm:g} must be "
+                f'larger than part.width_mm = {part.width_mm:g} when section = "box"'
+            )
+        if camera.height_mm <= tunnel.top_mm:
+            key = "radius_mm" if tunnel.section == "arch" else "height_mm"
+            raise ValueError(
+                f"camera.height_mm = {camera.height_mm:g} must be above the tunnel, whose "
+                f"tunnel.{key} is {tunnel.top_mm:g}"
+            )
+        if (tunnel.opening_length_mm > 0) != (tunnel.opening_width_mm > 0):
+            raise ValueError(
+                "tunnel.opening_length_mm and tunnel.opening_width_mm must both be zero (no "
+                "opening) or both be larger than zero"
+            )
+        rows, columns = self.shape
+        if rows * columns > 2**31 - 1:
+            raise ValueError(
+                f"camera.sampling_mm = {camera.sampling_mm:g} makes an image of {columns} x {rows} "
+                f"pixels, more than 2,147,483,647; sample more coarsely or set camera.columns and "
+                f"camera.rows"
+            )
+        if self.sensor.black_level_dn >= self.sensor.full_scale_dn:
+            raise ValueError(
+                f"sensor.black_level_dn = {self.sensor.black_level_dn:g} must be below full scale, "
+                f"{self.sensor.full_scale_dn}"
+            )
+        threshold = self.segmentation.threshold
+        if threshold != "auto" and threshold >= self.sensor.full_scale_dn:
+            raise ValueError(
+                f"segmentation.threshold = {threshold:g} must be below full scale, "
+                f'{self.sensor.full_scale_dn}, or "auto"'
+            )
+        if self.sequence.fusion == "differential" and self.sequence.lag >= self.sequence.images:
+            raise ValueError(
+                f"sequence.lag = {self.sequence.lag} must be smaller than sequence.images = "
+                f"{self.sequence.images}"
+            )
+        self._check_sizes()
+        for number, defect in enumerate(self.defects, 1):
+            points = (
+                defect.points_mm if isinstance(defect, Scratch) else ((defect.x_mm, defect.y_mm),)
+            )
+            for x, y in points:
+                if abs(x) > part.length_mm / 2 or abs(y) > part.width_mm / 2:
+                    raise ValueError(
+                        f"defects[{number}] ({defect.kind}) at ({x:g}, {y:g}) mm is outside the "
+                        f"part, which reaches ±{part.length_mm / 2:g} mm along x and "
+                        f"±{part.width_mm / 2:g} mm along y"
+                    )
+        return self
+
+    def _check_sizes(self) -> None:
+        """Refuse defects so deep or so wide that the model of a relief on a mirror is void."""
+        largest = max(self.part.length_mm, self.part.width_mm)
+        for number, defect in enumerate(self.defects, 1):
+            if isinstance(defect, Patch):
+                continue
+            key = "width_mm" if isinstance(defect, Scratch) else "diameter_mm"
+            size = getattr(defect, key)
+            if size > largest:
+                raise ValueError(
+                    f"defects[{number}].{key} = {size:g} is larger than the part, "
+                    f"{self.part.length_mm:g} x {self.part.width_mm:g} mm; so wide a shape is the "
+                    f"part's own: see part.crown_radius_x_mm and part.crown_radius_y_mm"
+                )
+            _check_depth(f"defects[{number}]", key, size, defect.depth_um)
+        for number, population in enumerate(self.populations, 1):
+            key = "width_mm" if isinstance(population, ScratchPopulation) else "diameter_mm"
+            widest = getattr(population, key).high
+            _check_depth(f"populations[{number}]", key, widest, population.depth_um.low)
+
+
+def _check_depth(name: str, key: str, size_mm: float, depth_um: float) -> None:
+    """Refuse what is deeper than wide: a Gaussian's slope, d / (sigma sqrt e), is then 2.4."""
+    if depth_um * MICRO > size_mm:
+        raise ValueError(
+            f"{name}.depth_um = {depth_um:g} is more than its {key} = {size_mm:g}: a hole with "
+            f"sides steeper than 67 degrees, in which light is reflected again and again, while "
+            f"the model follows it once. Depths are in um, widths in mm"
+        )

@@ -1,0 +1,52 @@
+"""Whoever does a sweep's tasks: this process alone, or others."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Protocol
+
+import pyarrow as pa
+
+from gpuspec.sweeps.trying.bench import Bench
+
+
+@dataclass(frozen=True)
+class Task:
+    """Some designs of one file of the table."""
+
+    part: int
+    designs: tuple[int, ...]
+    sampled: bool
+
+
+class Crew(Protocol):
+    """Whoever does a sweep's tasks."""
+
+    def done(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, pa.Table]]:
+        """Yield each task with its rows, in any order."""
+
+
+@dataclass(frozen=True)
+class Alone:
+    """A bench of this process, with its device."""
+
+    bench: Bench
+
+    def done(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, pa.Table]]:
+        """See :meth:`Crew.done`; the next task is begun while one's rows are written."""
+        stopped = self.bench.parts.stopped
+        stopped.clear()
+        with ThreadPoolExecutor(1) as pool:
+            before: tuple[Task, Future[pa.Table]] | None = None
+            try:
+                for task in tasks:
+                    begun = task, pool.submit(self.bench.rows, task.designs, sampled=task.sampled)
+                    if before:
+                        yield before[0], before[1].result()
+                    before = begun
+                if before:
+                    yield before[0], before[1].result()
+            finally:
+                stopped.set()

@@ -1,0 +1,285 @@
+"""Continuous search for the best station: designs between bounds, not those of a grid."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import optuna
+from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
+
+from gpuspec.errors import OutputError, StationError
+from gpuspec.files import Outputs, folder_of, write_new
+from gpuspec.light.backend import Backend, DeviceInfo
+from gpuspec.light.devices import open_backend
+from gpuspec.light.levels import thresholds
+from gpuspec.shown import object_of
+from gpuspec.station.station import Station
+from gpuspec.sweeps.axes import VARY_BETWEEN, bounds, varied
+from gpuspec.sweeps.keeping.folder import differences, taken_lock, writes_to
+from gpuspec.sweeps.plan import Plan
+from gpuspec.sweeps.rule import Rule
+from gpuspec.sweeps.searching.search import Search, Trial, Values, best_of
+from gpuspec.sweeps.trying.bench import notes_of
+from gpuspec.sweeps.trying.curves import Curves
+from gpuspec.sweeps.trying.parts import Parts
+
+IDENTITY, JOURNAL, LOCK = "optimise.json", "optimise.journal", "optimise.lock"
+WRITTEN = ("trials.csv", "optimise.png")
+Progress = Callable[[Trial, int], None]
+"""Told each new trial, and how many there are with it."""
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """What a search found.
+
+    Attributes
+    ----------
+    plan : Plan
+        With two values of each key: the bounds.
+    rule : Rule
+    trials : tuple of Trial
+    best : int
+        Which of them is the best by the rule.
+    info : DeviceInfo
+    """
+
+    plan: Plan
+    rule: Rule
+    trials: tuple[Trial, ...]
+    best: int
+    info: DeviceInfo
+
+    def __repr__(self) -> str:
+        best = self.trials[self.best]
+        values = ", ".join(f"{key} = {value:g}" for key, value in best.values.items())
+        parts = {
+            "best": f"trial {self.best + 1}, {values}, threshold {best.threshold_dn:.6g} DN",
+            "score": f"P1 {best.p1:.4f}, P2 {best.p2:.4f}, {best.hits} of {best.defects} defects "
+            f"hit",
+        }
+        return object_of("Optimum", f"{len(self.trials)} trials, rule: {self.rule}", parts)
+
+    def _repr_png_(self) -> bytes:
+        """Show itself in a notebook: every trial, and how the best one came about."""
+        from gpuspec.sweeps.searching.picture import optimise_picture
+
+        return optimise_picture(self)
+
+    def station(self) -> Station:
+        """Return the best station with its threshold, and part 0.
+
+        Raises
+        ------
+        StationError
+            If the threshold is full scale, above which nothing is detected.
+        """
+        best = self.trials[self.best]
+        station = self.plan.station.replace(**best.values)
+        if best.threshold_dn >= station.sensor.full_scale_dn:
+            raise StationError(
+                "the rule chooses a threshold above which nothing is detected; ask for some P2 "
+                "with --p2-floor, or for hits with --hit-share."
+            )
+        return station.replace(**{"segmentation.threshold": best.threshold_dn})
+
+
+def plan_of(
+    station: Station | str | Path,
+    vary: Mapping[str, Any] | None = None,
+    parts: int | None = None,
+) -> Plan:
+    """Return the bounds of a search as a plan with the two ends of each key.
+
+    Parameters
+    ----------
+    station : Station, str or Path
+        Or the path of a station file. Its ``[sweep]`` table is taken
+        where the other parameters are None.
+    vary : mapping of str to str, number or list, optional
+        Keys and what :func:`gpuspec.sweeps.axes.bounds` takes, e.g. ``"1:12"`` or ``[1, 12]``.
+    parts : int, optional
+        Number of parts each design is tried on.
+
+    Raises
+    ------
+    StationError
+        As for a sweep, see :meth:`Plan.of`.
+    """
+    station = Station.of(station)
+    vary = varied(vary if vary is not None else station.sweep.vary if station.sweep else {})
+    if not vary:
+        raise StationError(
+            f"{station.file}: nothing to vary; give --vary {VARY_BETWEEN}, or a table "
+            f"[sweep.vary] in the station file."
+        )
+    ends = {key: bounds(station, key, given).values for key, given in vary.items()}
+    return Plan.of(station, ends, parts)
+
+
+def outputs(plan: Plan, folder: str | Path, *, force: bool = False) -> Outputs:
+    """Return what is drawn of a search, to be checked before it and written after it."""
+    return Outputs(folder_of(folder), "search", WRITTEN, plan.station.inputs, force=force)
+
+
+def tried(plan: Plan, rule: Rule, parts: Parts, values: Values, *, step: bool) -> Trial:
+    """Try one design at all thresholds, exactly.
+
+    Raises
+    ------
+    BackendError
+        If the device fails.
+    """
+    try:
+        station = plan.station.replace(**values)
+        levels, traced = parts.levels([station], sampled=False)
+    except StationError as error:
+        return Trial(values, step, reason=str(error))
+    curves = Curves.of(levels, traced, risk=1.0)
+    defects = int(curves.seen.sum())
+    if not defects:
+        return Trial(values, step, reason="no pixel of a defect's zone is in view.")
+    p1, p2, hits = curves.p1[0], curves.p2[0], curves.hits.sum(axis=0)[0]
+    at = rule.best(p1, p2, hits, defects)
+    threshold = float(thresholds(station.sensor.full_scale_dn)[at])
+    return Trial(
+        values, step, None, threshold, float(p1[at]), float(p2[at]), int(hits[at]), defects,
+        notes_of(station, traced),
+    )  # fmt: skip
+
+
+def optimise(
+    plan: Plan,
+    folder: str | Path,
+    trials: int,
+    rule: Rule | None = None,
+    seed: int = 0,
+    backend: str | Backend = "auto",
+    device: str | None = None,
+    progress: Progress | None = None,
+) -> Optimum:
+    """Search until there are so many trials, those that the folder holds included.
+
+    Parameters
+    ----------
+    plan : Plan
+        See :func:`plan_of`.
+    folder : str or Path
+        Of a new search, or of this one to go on with.
+    trials : int
+    rule : Rule, optional
+    seed : int
+    backend : str or Backend
+        A name for :func:`gpuspec.light.devices.open_backend`, or an open backend.
+    device : str, optional
+        Part of the device's name, or its number.
+    progress : callable, optional
+
+    Raises
+    ------
+    OutputError
+        If the folder holds another search or anything else, or cannot be written.
+    StationError
+        If no trial is a valid station.
+    BackendError
+        If the device is absent or fails.
+    """
+    rule, folder = rule or Rule(), folder_of(folder)
+    engine = open_backend(backend, device) if isinstance(backend, str) else backend
+    identity = {**plan.identity(), "rule": str(rule), "seed": seed}
+    search = Search(plan.axes, rule, seed)
+    with _writing(folder, identity) as study:
+        for stored in study.get_trials(deepcopy=False):
+            search.add(Trial(dict(stored.params), **stored.user_attrs))
+        parts = Parts(engine, plan.parts, 0)
+        while len(search.trials) < trials:
+            values, step = search.propose()
+            trial = tried(plan, rule, parts, values, step=step)
+            with writes_to(folder, "the search"):
+                study.add_trial(search.frozen(trial))
+            search.add(trial)
+            if progress:
+                progress(trial, len(search.trials))
+    best = best_of(search.trials, rule)
+    if best is None:
+        raise StationError(f"no trial is a valid station. The first: {search.trials[0].reason}")
+    return Optimum(plan, rule, tuple(search.trials), best, engine.info)
+
+
+class _Held(JournalFileOpenLock):
+    """For a journal whose folder is locked already: a killed process leaves no lock behind."""
+
+    def acquire(self) -> bool:
+        return True
+
+    def release(self) -> None:
+        pass
+
+
+@contextmanager
+def _writing(folder: Path, identity: dict[str, Any]) -> Iterator[optuna.Study]:
+    """Open the study of a folder, a new one or one to go on with, and lock it."""
+    with writes_to(folder, "the search"):
+        if folder.exists() and not folder.is_dir():
+            raise OutputError(f"{folder} is a file; choose another folder with -o.")
+        known = (folder / IDENTITY).exists()
+        others = [p.name for p in folder.iterdir()] if folder.exists() and not known else []
+        others = [name for name in others if name != LOCK]
+        if others:
+            raise OutputError(
+                f"{folder} holds other files ({others[0]}); choose an empty folder, or that of the "
+                f"search to go on with, with -o."
+            )
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = taken_lock(folder, LOCK)
+    try:
+        with writes_to(folder, "the search"):
+            _claim(folder, identity)
+            study = _study(folder / JOURNAL)
+        yield study
+    finally:
+        lock.release()
+
+
+def _claim(folder: Path, identity: dict[str, Any]) -> None:
+    path = folder / IDENTITY
+    if not path.exists():
+        write_new(path, json.dumps(identity, indent=1) + "\n")
+        return
+    try:
+        held = json.loads(path.read_text("utf-8"))
+        said = differences(held, identity)
+        for name in ("rule", "seed"):
+            if held[name] != identity[name]:
+                said.append(f"the {name} is {held[name]!s} there and {identity[name]!s} here")
+    except (ValueError, KeyError, TypeError):
+        raise OutputError(f"{path} is not that of a search; choose another folder.") from None
+    if said:
+        raise OutputError(
+            f"{folder} holds another search: {'; '.join(said)}. Choose another folder with -o, or "
+            f"the same search to go on with it."
+        )
+
+
+def _study(journal: Path) -> optuna.Study:
+    """Open Optuna's journal; a last line that a killed process left unfinished is cut off."""
+    if journal.exists():
+        with journal.open("r+b") as file:
+            file.truncate(file.read().rfind(b"\n") + 1)
+    try:
+        storage = optuna.storages.JournalStorage(
+            JournalFileBackend(os.fspath(journal), lock_obj=_Held(os.fspath(journal)))
+        )
+        return optuna.create_study(
+            storage=storage, study_name="gpuspec", directions=["maximize"] * 2, load_if_exists=True
+        )
+    except (ValueError, KeyError) as error:
+        raise OutputError(
+            f"{journal} cannot be read ({error}); remove it to begin the search anew."
+        ) from None

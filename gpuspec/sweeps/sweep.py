@@ -1,0 +1,117 @@
+"""A sweep from plan to table: what is missing is done, and what was screened is made exact."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from gpuspec.files import folder_of
+from gpuspec.light.backend import Backend
+from gpuspec.light.devices import open_backend
+from gpuspec.station.station import Station
+from gpuspec.sweeps.choosing.front import Front
+from gpuspec.sweeps.crew import Alone, Crew, Task
+from gpuspec.sweeps.keeping.folder import RunFolder, check_space
+from gpuspec.sweeps.plan import Plan
+from gpuspec.sweeps.trying.bench import Bench
+
+Progress = Callable[[str, int, int], None]
+"""Told what is being done, how many designs are done, and of how many."""
+
+
+def sweep(
+    plan: Plan | Station | str | Path,
+    folder: str | Path,
+    backend: str | Backend = "auto",
+    device: str | None = None,
+    progress: Progress | None = None,
+    crew: Crew | None = None,
+) -> RunFolder:
+    """Try every design of a plan that the folder does not hold yet, or not as it was written.
+
+    Parameters
+    ----------
+    plan : Plan, Station, str or Path
+        A station, or the path of its file, has its ``[sweep]`` table for a plan.
+    folder : str or Path
+        Of a new sweep, or of this one to go on with.
+    backend : str or Backend
+        A name for :func:`gpuspec.light.devices.open_backend`, or an open backend.
+    device : str, optional
+        Part of the device's name, or its number.
+    progress : callable, optional
+    crew : Crew, optional
+        Others to do the work; then `backend` and `device` are not used.
+
+    Returns
+    -------
+    RunFolder
+
+    Raises
+    ------
+    OutputError
+        If the folder holds another sweep, or cannot be written, or the disk is too small.
+    StationError
+        If no design is a valid station.
+    BackendError
+        If the device is absent or fails.
+    """
+    plan = plan if isinstance(plan, Plan) else Plan.of(plan)
+    folder = folder_of(folder)
+    tell = progress or (lambda *_: None)
+    RunFolder(folder, plan).check_folder()
+    check_space(folder, plan)
+    plan.check_some_valid()
+    if crew is None:
+        engine = open_backend(backend, device) if isinstance(backend, str) else backend
+        crew = Alone(Bench(plan, engine))
+    with RunFolder.writing(folder, plan) as run:
+        run.repair()
+        front = Front()
+        missing = set(run.missing())
+        for part in range(run.parts) if plan.samples else ():
+            if part not in missing:
+                front.add(run.read_part(part))
+        done = run.there()
+        tasks = (Task(n, tuple(run.designs_of(n)), sampled=True) for n in sorted(missing))
+        for task, table in crew.done(tasks):
+            run.write(task.part, table)
+            if plan.samples:
+                front.add(table)
+            done += len(table)
+            tell("designs", done, plan.designs)
+        if plan.samples:
+            _make_exact(run, crew, front, tell)
+        run.seal()
+        run.check_valid()
+    return run
+
+
+def _make_exact(run: RunFolder, crew: Crew, front: Front, tell: Progress) -> None:
+    """Count every pixel of the designs on the front until no bound is left on it.
+
+    A bound is never less than what it bounds, so that what an exact front leaves behind is behind
+    it for certain (with the bounds' confidence). Exact values only fall: which designs are made
+    exact does not depend on the order, or on where an earlier run was stopped.
+    """
+    done = 0
+    while True:
+        points = front.points()
+        wanted = np.unique(points.design[~points.exact])
+        if not wanted.size:
+            return
+        tasks = []
+        for part in np.unique(wanted // run.rows_per_part).tolist():
+            inside = wanted[wanted // run.rows_per_part == part]
+            tasks.append(Task(part, tuple(inside.tolist()), sampled=False))
+        tell("designs on the front made exact", done, done + wanted.size)
+        for task, table in crew.done(tasks):
+            kept = run.read_part(task.part)
+            kept = kept.filter(~np.isin(kept["design"].to_numpy(), task.designs))
+            run.write(task.part, pa.concat_tables([kept, table]).sort_by("design"))
+            front.add(table)
+            done += len(table)
+            tell("designs on the front made exact", done, done + wanted.size)

@@ -1,0 +1,153 @@
+"""A sweep's table: one row per design, as Arrow holds it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from gpuspec import words
+from gpuspec.detection.score import precision, recall
+from gpuspec.light.backend import DeviceInfo
+from gpuspec.light.levels import LEVELS, thresholds
+from gpuspec.station.station import Station
+from gpuspec.sweeps.plan import SEED_STEP, Plan
+from gpuspec.sweeps.rule import Rule, f1_of
+from gpuspec.sweeps.trying.curves import Curves
+from gpuspec.version import __version__
+
+_CURVE = pa.list_(pa.float64(), LEVELS)
+_COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
+    ("reason", pa.string(), "why the design is no valid station; null: it is"),
+    ("notes", pa.string(), "what to know before trusting the scores, a line each; null: nothing"),
+    ("exact", pa.bool_(), "whether every pixel was counted; else P1 is estimated from a sample"),
+    ("seeds", pa.list_(pa.uint32()), "what is added to every seed of the station, for each part"),
+    ("defects", pa.int32(), "known defects with a pixel in view, of all parts"),
+    ("zone_px", pa.int64(), "pixels of their zones"),
+    ("threshold_dn", pa.float64(), "best threshold"),
+    ("best_p1", pa.float64(), f"{words.P1} there; {words.BEST}"),
+    ("best_p2", pa.float64(), f"{words.P2} there; {words.BEST}"),
+    ("best_f1", pa.float64(), "F1 there"),
+    ("best_hits", pa.int32(), "defects hit there"),
+    ("part_p1", pa.list_(pa.float64()), f"{words.P1} there of each part"),
+    ("part_p2", pa.list_(pa.float64()), f"{words.P2} there of each part"),
+    ("part_hits", pa.list_(pa.int32()), "defects hit there of each part"),
+    ("p1", _CURVE, f"{words.P1} at each threshold"),
+    ("p2", _CURVE, f"{words.P2} at each threshold"),
+    ("hits", pa.list_(pa.int32(), LEVELS), "defects hit at each threshold"),
+    ("p1_low", _CURVE, "least P1 there may be, where P1 is estimated"),
+    ("p1_high", _CURVE, "greatest P1 there may be, where P1 is estimated"),
+    ("backend", pa.dictionary(pa.int32(), pa.string()), ""),
+    ("device", pa.dictionary(pa.int32(), pa.string()), ""),
+    ("driver", pa.dictionary(pa.int32(), pa.string()), ""),
+    ("version", pa.dictionary(pa.int32(), pa.string()), "of the driver"),
+    ("gpuspec", pa.dictionary(pa.int32(), pa.string()), "version"),
+)
+
+RULE = Rule()
+"""By which a row's threshold is the best."""
+
+
+def schema(plan: Plan) -> pa.Schema:
+    """Return the table's columns, each with what it means."""
+    varied = [
+        pa.field(a.key, pa.int64() if isinstance(a.values[0], int) else pa.float64())
+        for a in plan.axes
+    ]
+    fields = [pa.field(name, kind, metadata={"is": text}) for name, kind, text in _COLUMNS]
+    return pa.schema([pa.field("design", pa.int64()), *varied, *fields])
+
+
+def rows(
+    plan: Plan,
+    designs: Sequence[int],
+    stations: Sequence[Station],
+    curves: Curves,
+    info: DeviceInfo,
+    notes: Sequence[str | None],
+) -> pa.Table:
+    """Return the rows of valid designs.
+
+    Parameters
+    ----------
+    plan : Plan
+    designs : sequence of int
+        Their numbers.
+    stations : sequence of Station
+        The same, as stations.
+    curves : Curves
+        How they do.
+    info : DeviceInfo
+    notes : sequence of str or None
+        What to know of each.
+    """
+    p1, p2, hits = curves.p1, curves.p2, curves.hits.sum(axis=0)
+    seen, count = int(curves.seen.sum()), len(designs)
+    at = RULE.thresholds(p1, p2, hits, seen)
+    pick = np.arange(count), at
+    part_hit, part_false, part_hits = (
+        part[:, pick[0], pick[1]].T for part in (curves.hit_px, curves.false_px, curves.hits)
+    )
+    scale = {full: thresholds(full) for full in {s.sensor.full_scale_dn for s in stations}}
+    sampled = ~curves.exact
+    columns: dict[str, Any] = {
+        "reason": pa.nulls(count, pa.string()),
+        "notes": pa.array(notes, pa.string()),
+        "exact": curves.exact,
+        "seeds": _lists(np.tile(_seeds(plan), (count, 1)), pa.uint32()),
+        "defects": np.full(count, seen),
+        "zone_px": np.full(count, curves.zone_px.sum()),
+        "threshold_dn": [float(scale[s.sensor.full_scale_dn][t])
+                         for s, t in zip(stations, at, strict=True)],
+        "best_p1": p1[pick],
+        "best_p2": p2[pick],
+        "best_f1": f1_of(p1[pick], p2[pick]),
+        "best_hits": hits[pick],
+        "part_p1": _lists(precision(part_hit, part_false), pa.float64()),
+        "part_p2": _lists(recall(part_hit, curves.zone_px), pa.float64()),
+        "part_hits": _lists(part_hits, pa.int32()),
+        "p1": _curves(p1),
+        "p2": _curves(p2),
+        "hits": _curves(hits, pa.int32()),
+        "p1_low": _curves(curves.p1_low, where=sampled),
+        "p1_high": _curves(curves.p1_high, where=sampled),
+        **{name: [value] * count for name, value in info.as_dict().items()},
+        "gpuspec": [__version__] * count,
+    }  # fmt: skip
+    return _table(plan, designs, columns)
+
+
+def invalid_rows(plan: Plan, reasons: dict[int, str]) -> pa.Table:
+    """Return the rows of designs that are no valid station: their values and the reason."""
+    columns: dict[str, Any] = {
+        name: pa.nulls(len(reasons), kind) for name, kind, _ in _COLUMNS if name != "reason"
+    }
+    return _table(plan, list(reasons), {**columns, "reason": list(reasons.values())})
+
+
+def _table(plan: Plan, designs: Sequence[int], columns: dict[str, Any]) -> pa.Table:
+    values = [plan.values(design) for design in designs]
+    varied = {a.key: [v[a.key] for v in values] for a in plan.axes}
+    return pa.table({"design": designs, **varied, **columns}, schema=schema(plan))
+
+
+def _seeds(plan: Plan) -> np.ndarray[Any, np.dtype[np.uint32]]:
+    return np.array([part * SEED_STEP % 2**32 for part in range(plan.parts)], np.uint32)
+
+
+def _lists(values: np.ndarray[Any, Any], kind: pa.DataType) -> pa.Array:
+    """Return an array (D, n) as lists."""
+    count, length = values.shape
+    ends = np.arange(count + 1, dtype=np.int32) * length
+    return pa.ListArray.from_arrays(ends, pa.array(np.ascontiguousarray(values).ravel(), kind))
+
+
+def _curves(
+    values: np.ndarray[Any, Any], kind: pa.DataType | None = None, where: Any = None
+) -> pa.Array:
+    """Return an array (D, 256) as lists of that size, null but `where`."""
+    flat = pa.array(np.ascontiguousarray(values).ravel(), kind or pa.float64())
+    mask = None if where is None else pa.array(~where)
+    return pa.FixedSizeListArray.from_arrays(flat, LEVELS, mask=mask)
