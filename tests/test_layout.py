@@ -19,7 +19,7 @@ PACKAGE = Path(gpuspec.__file__).parent
 LADDER = (
     {"version", "errors", "units", "words"},
     {"arrays", "cache"},
-    {"shown", "files", "topographies"},
+    {"shown", "files", "shapes", "topographies"},
     {"station"},
     {"part", "detection"},
     {"light"},

@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from gpuspec.cli import completion
 
-if TYPE_CHECKING:
-    pass
-from gpuspec.cli.main import app
 
-
-@app.command()
 def init(
     path: Annotated[Path, typer.Argument(help="Station file to write, e.g. my_station.toml.")],
     name: Annotated[
@@ -42,7 +37,6 @@ def init(
     print(f"{path} written; simulate it with: gpuspec simulate {path}")
 
 
-@app.command()
 def schema() -> None:
     """Print the JSON schema of the station file, for editors."""
     from gpuspec.station.station import Station

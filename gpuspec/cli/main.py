@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import signal
 import sys
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from gpuspec.cli import study as studies
 from gpuspec.cli.devices import devices
 from gpuspec.cli.front import front
+from gpuspec.cli.init import init, schema
 from gpuspec.cli.optimise import optimise
+from gpuspec.cli.prototype import prototype
 from gpuspec.cli.reference import reference
+from gpuspec.cli.simulate import demo, simulate
 from gpuspec.cli.sweep import sweep
 from gpuspec.cli.terminal import (
     show_warnings_as_notes,
@@ -20,9 +23,6 @@ from gpuspec.cli.terminal import (
 )
 from gpuspec.errors import GpuspecError
 from gpuspec.version import __version__
-
-if TYPE_CHECKING:
-    pass
 
 app = typer.Typer(
     name="gpuspec",
@@ -33,11 +33,10 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.add_typer(studies.app, name="study")
-app.command()(sweep)
-app.command()(front)
-app.command()(optimise)
-app.command()(devices)
-app.command()(reference)
+for command in (
+    simulate, demo, prototype, sweep, front, optimise, devices, reference, init, schema,
+):  # fmt: skip
+    app.command()(command)
 
 
 def _version(asked: bool) -> None:

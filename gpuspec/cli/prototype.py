@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -25,12 +25,7 @@ from gpuspec.cli.terminal import (
 )
 from gpuspec.errors import GpuspecError
 
-if TYPE_CHECKING:
-    pass
-from gpuspec.cli.main import app
 
-
-@app.command()
 def prototype(
     station: StationArgument,
     pattern: Annotated[

@@ -31,10 +31,8 @@ from gpuspec.cli.terminal import (
 if TYPE_CHECKING:
     from gpuspec.simulation.result import Result
     from gpuspec.station.station import Station
-from gpuspec.cli.main import app
 
 
-@app.command()
 def simulate(
     station: StationArgument,
     output: OutputOption = Path("run"),
@@ -51,7 +49,6 @@ def simulate(
     _run(changed(Station.read(station), change), output, backend, device, frames, pictures, force)
 
 
-@app.command()
 def demo(
     name: Annotated[
         str, typer.Argument(help="trim or measured.", autocompletion=completion.examples)

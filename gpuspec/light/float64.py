@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from gpuspec.part.grooves import Grooves, averaged
 from gpuspec.part.maps import relief_at
 from gpuspec.part.relief import Relief
-from gpuspec.part.shapes import curvatures
 from gpuspec.station.materials import MATERIALS
 from gpuspec.station.station import Station
 
@@ -51,7 +50,7 @@ class Part:
     """Shape and relief of a station's part, as the pixels average it."""
 
     def __init__(self, station: Station, relief: Relief) -> None:
-        self.curvature = curvatures(station)
+        self.shape = station.part.shape
         self.grooves = averaged(relief.grooves, station)
         # Pieces of one defect stand together: where each begins, and the box that it reaches.
         self.first = np.flatnonzero(np.diff(self.grooves.owner, prepend=-1))
@@ -65,17 +64,8 @@ class Part:
 
     def at(self, x: Array, y: Array) -> Surface:
         """Return the surface at points (x, y) in mm."""
-        cx, cy = self.curvature
-        qx = np.sqrt(np.maximum(1 - (cx * x) ** 2, 1e-6))
-        qy = np.sqrt(np.maximum(1 - (cy * y) ** 2, 1e-6))
-        s = Surface(
-            -cx * x**2 / (1 + qx) - cy * y**2 / (1 + qy),
-            -cx * x / qx,
-            -cy * y / qy,
-            -cx / qx**3,
-            np.zeros_like(x),
-            -cy / qy**3,
-        )
+        shape = self.shape
+        s = Surface(shape.height(x, y), *shape.slope(x, y), *shape.curvature(x, y))
         for low, high, groove in self._near(x, y):
             near = np.nonzero((x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1]))
             if len(near[0]):

@@ -8,7 +8,6 @@ from scipy import ndimage
 
 from gpuspec.part.grooves import Grooves, averaged
 from gpuspec.part.maps import TopographyMap
-from gpuspec.part.shapes import curvatures
 from gpuspec.part.view import pixel_position
 from gpuspec.station.materials import MATERIALS
 from gpuspec.station.station import Station
@@ -26,11 +25,13 @@ def geometry_block(station: Station) -> NDArray[np.float32]:
     """
     part, tunnel, camera = station.part, station.tunnel, station.camera
     rows, columns = station.shape
+    # A device knows the crown, by its curvatures at the top.
+    curve_xx, _, curve_yy = part.shape.curvature(0.0, 0.0)
     return np.array(
         [
             [camera.height_mm, camera.pupil_mm, camera.sampling_mm, camera.subsampling],
             [columns, rows, part.surface == "height", camera.vignetting == "cos4"],
-            [part.length_mm / 2, part.width_mm / 2, *curvatures(station)],
+            [part.length_mm / 2, part.width_mm / 2, -curve_xx, -curve_yy],
             [
                 SECTIONS[tunnel.section],
                 tunnel.top_mm,

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.errors import StationError
-from gpuspec.part.shapes import curvatures, shape_height
 from gpuspec.part.view import pixel_position
 from gpuspec.station.defects import Defect, Patch, Scratch
 from gpuspec.station.station import Station
@@ -112,15 +111,10 @@ def blocks(grooves: Grooves, station: Station) -> tuple[NDArray[np.int32], NDArr
     reach = REACH * averaged(grooves, station).sigma
     if station.part.surface == "height":
         # The camera sees a point of height z at x / (1 - z/h); allow for z changing within reach.
-        h = station.camera.height_mm
-        scale = 1 / (1 - shape_height(ends[..., 0], ends[..., 1], station) / h)
+        h, shape = station.camera.height_mm, station.part.shape
+        scale = 1 / (1 - shape.height(ends[..., 0], ends[..., 1]) / h)
         ends = ends * scale[..., None]
-        steep = sum(
-            abs(c) * s / 2 / np.sqrt(max(1 - (c * s / 2) ** 2, 1e-6))
-            for c, s in zip(
-                curvatures(station), (station.part.length_mm, station.part.width_mm), strict=True
-            )
-        )
+        steep = sum(map(abs, shape.slope(station.part.length_mm / 2, station.part.width_mm / 2)))
         field = np.hypot(station.part.length_mm, station.part.width_mm) / 2 / h
         length = np.hypot(*(ends[:, 1] - ends[:, 0]).T)
         reach = reach * scale.max(axis=1) + field * (steep * (reach + length) + 0.1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -13,7 +12,6 @@ from scipy import ndimage
 from gpuspec.part.grooves import Grooves
 from gpuspec.part.maps import TopographyMap
 from gpuspec.part.relief import Relief
-from gpuspec.part.shapes import curvatures, shape_height
 from gpuspec.part.view import pixel_position, surface_points
 from gpuspec.shown import array
 from gpuspec.station.defects import Defect, Patch, Scratch
@@ -100,7 +98,7 @@ def _covered(
     sigma, owner = grooves.sigma[piece], grooves.owner[piece]
     points = ends.reshape(-1, 2)
     if station.part.surface == "height":
-        height = shape_height(points[:, 0], points[:, 1], station)
+        height = station.part.shape.height(points[:, 0], points[:, 1])
         points = points / (1 - height / station.camera.height_mm)[:, None]
     position = pixel_position(points, station).reshape(-1, 2, 2)
     reach = ZONE * sigma / station.camera.sampling_mm * _stretch(station) + 2
@@ -140,11 +138,11 @@ def _stretch(station: Station) -> float:
     if station.part.surface == "orientation":
         return 1.0
     part, h = station.part, station.camera.height_mm
-    lean = 0.0
-    for size, curvature in zip((part.length_mm, part.width_mm), curvatures(station), strict=True):
-        sine = abs(curvature) * size / 2
-        lean += sine / math.sqrt(max(1 - sine**2, 1e-6)) * size / 2 / h
-    nearer = 1 - station.height_range_mm()[1] / h
+    edge = part.length_mm / 2, part.width_mm / 2
+    lean = sum(
+        float(abs(s)) * side / h for s, side in zip(part.shape.slope(*edge), edge, strict=True)
+    )
+    nearer = 1 - part.height_range_mm[1] / h
     return (nearer + lean) / nearer**2
 
 

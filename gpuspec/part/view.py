@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.part.shapes import curvatures, shape_height
 from gpuspec.station.station import Station
 
 _NEWTON_STEPS = 8
@@ -22,12 +21,12 @@ def surface_points(
     if station.part.surface == "orientation":
         return x, y
     h = station.camera.height_mm
-    axes = list(zip(curvatures(station), (x, y), strict=True))
+    shape = station.part.shape
     k = np.ones(x.shape)
     for _ in range(_NEWTON_STEPS):
-        miss = k - 1 + shape_height(x * k, y * k, station) / h
-        slope = [c * u * k / np.sqrt(np.maximum(1 - (c * u * k) ** 2, 1e-6)) for c, u in axes]
-        k = k - miss / (1 - (slope[0] * x + slope[1] * y) / h)
+        miss = k - 1 + shape.height(x * k, y * k) / h
+        slope_x, slope_y = shape.slope(x * k, y * k)
+        k = k - miss / (1 + (slope_x * x + slope_y * y) / h)
     return x * k, y * k
 
 

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from gpuspec.arrays import LOST
 from gpuspec.light.float64 import ray_paths
-from gpuspec.part.shapes import shape_height
 from gpuspec.pictures.page import (
     MARGIN,
     WIDTH,
@@ -87,7 +86,7 @@ def station_drawing(station: Station, side_paths: RayPaths, front_paths: RayPath
     """
     camera, tunnel = station.camera, station.tunnel
     top, room, high = 126.0, 800.0, 880.0
-    low = min(station.height_range_mm()[0], 0.0)
+    low = min(station.part.height_range_mm[0], 0.0)
     halves = [_half_width(station, 0, side_paths), _half_width(station, 1, front_paths)]
     upright, across = (high - 110) / (camera.height_mm - low), (room - 90) / 2
     px_per_mm = min(upright, across / sum(halves))
@@ -191,7 +190,7 @@ def _draw_station(view: _View, paths: RayPaths) -> None:
     half = (station.part.length_mm, station.part.width_mm)[axis] / 2
     along, zero = np.linspace(-half, half, 101), np.zeros(101)
     x, y = (along, zero) if axis == 0 else (zero, along)
-    height = shape_height(x, y, station)
+    height = station.part.shape.height(x, y)
     ax.plot(along, height, color=PART, linewidth=4, solid_capstyle="butt", zorder=5)
 
 
@@ -271,7 +270,7 @@ def _label_view(view: _View) -> None:
     station, px = view.station, 1 / view.px_per_mm
     tunnel, h, edge = station.tunnel, station.camera.height_mm, view.half - 14 / view.px_per_mm
     size = (station.part.length_mm, station.part.width_mm)[view.axis]
-    below = min(station.height_range_mm()[0], 0) - 20 * px
+    below = min(station.part.height_range_mm[0], 0) - 20 * px
     _dimension(view.ax, (-size / 2, below), (size / 2, below), f"part {size:g} mm")
     if view.axis == 0:
         _height(view, -edge, h, f"camera height {h:g} mm")

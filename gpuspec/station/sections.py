@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from gpuspec.shapes import Crown, Shape
 from gpuspec.station.defects import (
     Length,
     Section,
@@ -46,6 +47,16 @@ class Part(Section):
         0.0, ge=0, le=0.2, description="rms slope of micro-roughness; 0: the paper's mirror"
     )
     relief: Topography | None = Field(None, description="measured topography of the whole part")
+
+    @property
+    def shape(self) -> Shape:
+        """Its shape without relief."""
+        return Crown.of_radii(self.crown_radius_x_mm, self.crown_radius_y_mm)
+
+    @property
+    def height_range_mm(self) -> tuple[float, float]:
+        """Lowest and highest point of the shape (without relief), in mm."""
+        return self.shape.height_range(self.length_mm, self.width_mm)
 
 
 class Tunnel(Section):

@@ -361,18 +361,6 @@ class Station(Section):
             return None
         return images // math.gcd(whole, images)
 
-    def height_range_mm(self) -> tuple[float, float]:
-        """Lowest and highest point of the part's shape (without relief), in mm."""
-        low = high = 0.0
-        for size, radius in (
-            (self.part.length_mm, self.part.crown_radius_x_mm),
-            (self.part.width_mm, self.part.crown_radius_y_mm),
-        ):
-            if radius:
-                edge = -((size / 2) ** 2) / radius / (1 + math.sqrt(1 - (size / 2 / radius) ** 2))
-                low, high = low + min(edge, 0), high + max(edge, 0)
-        return low, high
-
     @model_validator(mode="after")
     def _possible(self) -> Station:
         return self.possible()
@@ -394,7 +382,7 @@ class Station(Section):
                     f"part.crown_radius_{axis}_mm = {radius:g} must be larger than half the "
                     f"part's {side} ({size / 2:g}), or left out for a flat part"
                 )
-        high = self.height_range_mm()[1]
+        high = part.height_range_mm[1]
         if tunnel.section == "arch":
             if tunnel.radius_mm is None:
                 raise ValueError('tunnel.radius_mm is missing: section = "arch" needs it')

@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from gpuspec.errors import StationError
 from gpuspec.part.placement import place
-from gpuspec.part.shapes import curvatures
 from gpuspec.station.defects import Patch, Scratch
 from gpuspec.station.station import Station
 from gpuspec.units import MICRO
@@ -98,7 +97,8 @@ def magnification(station: Station) -> float:
         If a hollow crown turns the light round or gathers it in a point.
     """
     top = station.tunnel.top_mm
-    turned = 1 + top / station.camera.height_mm + 2 * top * curvatures(station)[0]
+    crown = -float(station.part.shape.curvature(0.0, 0.0)[0])
+    turned = 1 + top / station.camera.height_mm + 2 * top * crown
     if turned < 1e-3:
         raise StationError(
             f"{station.file}: part.crown_radius_x_mm = {station.part.crown_radius_x_mm:g} is so "

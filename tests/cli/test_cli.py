@@ -24,6 +24,7 @@ from gpuspec.cli.options import changed
 from gpuspec.light import opencl, sources
 from gpuspec.light.devices import BACKENDS, open_backend
 from gpuspec.report.folder import FILES
+from gpuspec.simulation import memory
 from gpuspec.simulation import simulate as inspection
 from gpuspec.station.examples import example, examples
 from gpuspec.station.station import Station
@@ -454,7 +455,7 @@ def test_a_linked_folder_is_written_where_it_leads(gpuspec_):
 
 
 def test_an_image_beyond_the_memory_is_refused_before_any_work(gpuspec_, monkeypatch):
-    monkeypatch.setattr(inspection, "_available_bytes", lambda: 2**30)
+    monkeypatch.setattr(memory, "_available_bytes", lambda: 2**30)
     told = said(
         gpuspec_(
             "simulate", "s.toml", "--set", "camera.columns=40000", "--set", "camera.rows=25000"

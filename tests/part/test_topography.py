@@ -16,7 +16,7 @@ from gpuspec.errors import StationError, TopographyError
 from gpuspec.light.opencl import OpenCLBackend
 from gpuspec.light.records import coefficients, map_records
 from gpuspec.part.maps import read_maps, relief_at, zone_at
-from gpuspec.simulation import simulate as inspection
+from gpuspec.simulation import memory
 from gpuspec.simulation.simulate import simulate
 from gpuspec.station.defects import Topography
 from gpuspec.station.sections import Part
@@ -776,7 +776,7 @@ def test_a_part_takes_the_size_of_its_map_where_it_states_none(folder):
 def test_a_map_that_cannot_be_read_is_told_before_the_size_it_would_have_given(
     tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(inspection, "_available_bytes", lambda: 1000)
+    monkeypatch.setattr(memory, "_available_bytes", lambda: 1000)
     for file, keys, why in (
         ("nowhere.npy", {}, 'part.relief.file = "nowhere.npy" is not there'),
         ("x.npy", {"height_unit": None}, "give part.relief.height_unit"),

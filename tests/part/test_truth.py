@@ -12,7 +12,6 @@ from test_topography import grid, pit, write_sur
 from tolerances import SEEN_POINT_MM, ZONE_AREA
 
 from gpuspec.part.relief import Relief
-from gpuspec.part.shapes import shape_height
 from gpuspec.part.truth import ZONE, Truth
 from gpuspec.part.view import surface_points
 from gpuspec.station.station import Station
@@ -168,7 +167,7 @@ def test_the_point_behind_a_pixel_lies_on_its_ray_and_on_the_surface(name: str):
     rows, columns = station.shape
     x0 = (np.arange(columns) + 0.5 - columns / 2)[None, :] * 0.2
     y0 = (rows / 2 - np.arange(rows) - 0.5)[:, None] * 0.2
-    toward = 1 - shape_height(x, y, station) / station.camera.height_mm
+    toward = 1 - station.part.shape.height(x, y) / station.camera.height_mm
     on = (np.abs(x) <= 30) & (np.abs(y) <= 25)
     assert np.abs(x - x0 * toward)[on].max() < SEEN_POINT_MM
     assert np.abs(y - y0 * toward)[on].max() < SEEN_POINT_MM

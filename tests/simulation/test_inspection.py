@@ -14,6 +14,7 @@ from gpuspec.detection.inspection import class_rules, inspect
 from gpuspec.detection.score import score
 from gpuspec.detection.segmentation import automatic_threshold
 from gpuspec.errors import BackendError, StationError
+from gpuspec.simulation import memory
 from gpuspec.simulation import simulate as inspection
 from gpuspec.simulation.memory import check_memory
 from gpuspec.simulation.result import Result
@@ -330,7 +331,7 @@ def refused(chosen: Station, backend="numpy") -> str:
 
 
 def test_an_image_beyond_the_memory_is_refused_before_any_work(monkeypatch):
-    monkeypatch.setattr(inspection, "_available_bytes", lambda: 2**30)
+    monkeypatch.setattr(memory, "_available_bytes", lambda: 2**30)
     for name in ("Relief", "Truth", "open_backend"):
         monkeypatch.setattr(inspection, name, None)
     message = refused(Station().replace(camera__sampling_mm=0.003))
@@ -340,7 +341,7 @@ def test_an_image_beyond_the_memory_is_refused_before_any_work(monkeypatch):
 @pytest.mark.parametrize("size", [(200.0, 50.0), (199.7, 33.3), (1000.0, 3.0)])
 @pytest.mark.parametrize("gigabytes", [0.05, 0.7, 1.0, 3.3])
 def test_the_sampling_that_is_suggested_fits(monkeypatch, size, gigabytes: float):
-    monkeypatch.setattr(inspection, "_available_bytes", lambda: int(gigabytes * 2**30))
+    monkeypatch.setattr(memory, "_available_bytes", lambda: int(gigabytes * 2**30))
     fine = Station().replace(
         part__length_mm=size[0], part__width_mm=size[1], camera__sampling_mm=0.0025
     )
@@ -352,7 +353,7 @@ def test_the_sampling_that_is_suggested_fits(monkeypatch, size, gigabytes: float
 
 
 def test_no_sampling_is_suggested_where_the_image_size_is_stated(monkeypatch):
-    monkeypatch.setattr(inspection, "_available_bytes", lambda: 2**30)
+    monkeypatch.setattr(memory, "_available_bytes", lambda: 2**30)
     message = refused(Station().replace(camera__columns=40_000, camera__rows=40_000))
     assert "set smaller camera.columns and camera.rows." in message
     assert "fits" not in message

@@ -745,12 +745,12 @@ def test_shifts_are_counted_modulo_the_period(images: int, step: float | None, d
 
 
 def test_the_shapes_height_is_that_of_the_crowns_circle():
-    assert Station().height_range_mm() == (0, 0)
+    assert Station().part.height_range_mm == (0, 0)
     round_ = Station.parse("[part]\nlength_mm = 60.0\nwidth_mm = 16.0").replace(
         part__crown_radius_x_mm=50.0, part__crown_radius_y_mm=-10.0
     )
     # 50 - sqrt(50^2 - 30^2) = 10 down, 10 - sqrt(10^2 - 8^2) = 4 up.
-    low, high = round_.height_range_mm()
+    low, high = round_.part.height_range_mm
     assert math.isclose(low, -10, rel_tol=1e-14)
     assert math.isclose(high, 4, rel_tol=1e-14)
 
