@@ -187,10 +187,10 @@ class LightMap(ABC):
         the images one by one.
         """
         station = self.lit_by(station)
-        if station.sequence.fusion != "mean":
-            return self.fuse(station)[station.sequence.fusion]
         if self.pattern is None and has_closed_form(station):
             return self.closed_form(station)
+        if station.sequence.fusion != "mean":
+            return self.fuse(station)[station.sequence.fusion]
         return self.mean(station)
 
 
@@ -229,12 +229,13 @@ def _differing(traced: Station, station: Station) -> str:
 
 
 def has_closed_form(station: Station) -> bool:
-    """Whether the mean has a closed form.
+    """Whether a station's aspect image has a closed form.
 
-    It does over whole periods in equal steps, without noise, with one footprint per pixel.
+    A mean does over whole periods in equal steps, without noise, with one footprint per pixel.
     """
     return (
-        station.distinct_shifts is not None
+        station.sequence.fusion == "mean"
+        and station.distinct_shifts is not None
         and not station.sensor.noise
         and station.camera.subsampling == 1
     )

@@ -78,7 +78,7 @@ class OpenCLCounter:
         """See :meth:`gpuspec.light.levels.LevelCounter.count`."""
         found = Levels.empty(len(stations), len(self._zones.sizes))
         scales = np.array([station.sensor.full_scale_dn for station in stations])
-        closed = np.array([s.sequence.fusion == "mean" and has_closed_form(s) for s in stations])
+        closed = np.array([has_closed_form(s) for s in stations])
         for i in np.flatnonzero(~closed):
             image = self._map.aspect(stations[int(i)])
             found.put(np.array([i]), levels_of(image, self._zones, scales[i]))

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.arrays import BESIDE
+from gpuspec.arrays import BESIDE, Image
 from gpuspec.detection.classes import confusion
-from gpuspec.detection.inspection import inspect
-from gpuspec.detection.score import score
+from gpuspec.detection.inspection import Inspection, inspect
+from gpuspec.detection.score import Score, score
 from gpuspec.light.backend import Backend, DeviceInfo
 from gpuspec.light.devices import open_backend
 from gpuspec.light.light_map import LightMap
@@ -99,14 +99,8 @@ class Traced:
         progress : callable, optional
             Told in a few words what is being done.
         """
-        tell = progress or (lambda _: None)
-        light_map = light_map or self.light_map
-        station, truth, valid = self.station, self.truth, self.lost != BESIDE
-        tell("taking the aspect image")
-        aspect = light_map.aspect()
-        tell("segmenting and scoring")
-        found = inspect(aspect, valid, station, self.lost == 0)
-        scored = score(found.labels, truth.labels, valid, len(truth.defects))
+        light_map, station, truth = light_map or self.light_map, self.station, self.truth
+        aspect, found, scored = self._inspected(light_map, station, progress or (lambda _: None))
         kinds = [defect.kind for defect in truth.defects]
         table = confusion(kinds, truth.labels, found.labels, found.classes)
         return Result(
@@ -117,6 +111,34 @@ class Traced:
                 found.threshold, scored,
             ),
         )  # fmt: skip
+
+    def score(self, station: Station | None = None) -> Score:
+        """Score another design of the same geometry, without tracing again.
+
+        Parameters
+        ----------
+        station : Station, optional
+            With its own threshold; None: the traced one.
+
+        Raises
+        ------
+        StationError
+            If its geometry is another.
+        """
+        station = self.light_map.lit_by(station)
+        return self._inspected(self.light_map, station, lambda _: None)[2]
+
+    def _inspected(
+        self, light_map: LightMap, station: Station, tell: Progress
+    ) -> tuple[Image, Inspection, Score]:
+        """Take the aspect image, inspect and score it: the one way through."""
+        on_part = self.lost != BESIDE
+        tell("taking the aspect image")
+        aspect = light_map.aspect(station)
+        tell("segmenting and scoring")
+        found = inspect(aspect, on_part, station, self.lost == 0)
+        zones = self.truth
+        return aspect, found, score(found.labels, zones.labels, on_part, len(zones.defects))
 
 
 def trace(

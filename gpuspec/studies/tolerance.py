@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 
 from gpuspec import words
 from gpuspec.arrays import BESIDE
-from gpuspec.detection.inspection import inspect
-from gpuspec.detection.score import Score, score
+from gpuspec.detection.score import Score
 from gpuspec.errors import StationError
 from gpuspec.light.backend import Backend, DeviceInfo
 from gpuspec.light.devices import open_backend
@@ -222,7 +221,7 @@ def study(
         scores = []
         for value in values:
             try:
-                scores.append(_score(trace(moved(design, value), engine)))
+                scores.append(trace(moved(design, value), engine).score())
             except StationError as error:
                 raise StationError(f"{name} by {value:+.3g} {unit} is too far: {error}") from None
         found.append(Perturbation(name, unit, tuple(values), middle, tuple(scores)))
@@ -230,12 +229,12 @@ def study(
     values = (reflectivity * spread).tolist()
     # Exposure and reflectivity are one factor of the signal: the light map stays as it is.
     exposures = [design.sensor.exposure * (1 + value) for value in values]
-    scores = [_score(traced, design.replace(**{"sensor.exposure": e})) for e in exposures]
+    scores = [traced.score(design.replace(**{"sensor.exposure": e})) for e in exposures]
     percents = tuple(100 * value for value in values)
     found.append(Perturbation("reflectivity", "%", percents, middle, tuple(scores)))
     tell("changing material")
     names = tuple(MATERIALS)
-    scores = [_score(trace(design.replace(**{"part.material": m}), engine)) for m in names]
+    scores = [trace(design.replace(**{"part.material": m}), engine).score() for m in names]
     own = names.index(design.part.material)
     found.append(Perturbation("material", "", names, own, tuple(scores)))
     return Tolerance(design, engine.info, nominal, tuple(found), notes)
@@ -261,21 +260,13 @@ def _nominal(
             f"{station.file}: {why or 'the image is dark, and nothing is detected.'}"
         )
     design = design.replace(**{"segmentation.threshold": threshold})
-    nominal = _score(traced, design)
+    nominal = traced.score(design)
     if not nominal.hit_px:
         raise StationError(
             f"{station.file} detects no defect at its threshold of {threshold:.5g} DN: there is "
             f"nothing to lose; choose a design that works, e.g. by `gpuspec sweep`."
         )
     return design, nominal, traced, result.warnings
-
-
-def _score(traced: Traced, station: Station | None = None) -> Score:
-    """Score a traced station, or another of the same geometry, at its own threshold."""
-    station = station or traced.station
-    on_part = traced.lost != BESIDE
-    found = inspect(traced.light_map.aspect(station), on_part, station, traced.lost == 0)
-    return score(found.labels, traced.truth.labels, on_part, len(traced.truth.defects))
 
 
 def _check(offset: float, rotation: float, height: float, reflectivity: float, steps: int) -> None:

@@ -360,4 +360,4 @@ def test_no_sampling_is_suggested_where_the_image_size_is_stated(monkeypatch):
 
 
 def test_this_machine_says_how_much_memory_is_free():
-    assert 2**20 < inspection._available_bytes() <= 2**63
+    assert 2**20 < memory._available_bytes() <= 2**63
