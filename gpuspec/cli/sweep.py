@@ -89,7 +89,7 @@ def sweep(
     plan.check_some_valid()
     damaged = there.damaged() if there.is_begun() else []
     done = there.there() if there.is_begun() else 0
-    done -= sum(len(there.designs_of(part)) for part in damaged)
+    done -= sum(len(there.designs_of(file)) for file in damaged)
     with _crew(plan, plan.designs - done, workers, scheduler, backend, device) as (crew, told):
         _print_plan(plan, told, done, output)
         _print_damage(there, damaged)
@@ -190,7 +190,7 @@ def _print_space(plan: Plan, output: Path) -> None:
 def _print_damage(there: RunFolder, damaged: list[int]) -> None:
     if damaged:
         more = f" and {len(damaged) - 3} more" if len(damaged) > 3 else ""
-        names = ", ".join(there.file(part).name for part in damaged[:3])
+        names = ", ".join(there.file(number).name for number in damaged[:3])
         console().print(
             f"note: damaged since they were written: {names}{more}; their designs are tried again.",
             soft_wrap=True,

@@ -16,7 +16,7 @@ from gpuspec.sweeps.trying.bench import Bench
 class Task:
     """Some designs of one file of the table."""
 
-    part: int
+    file: int
     designs: tuple[int, ...]
     sampled: bool
 

@@ -72,13 +72,13 @@ def sweep(
         run.repair()
         front = Front()
         missing = set(run.missing())
-        for part in range(run.parts) if plan.samples else ():
-            if part not in missing:
-                front.add(run.read_part(part))
+        for file in range(run.files) if plan.samples else ():
+            if file not in missing:
+                front.add(run.read_file(file))
         done = run.there()
         tasks = (Task(n, tuple(run.designs_of(n)), sampled=True) for n in sorted(missing))
         for task, table in crew.done(tasks):
-            run.write(task.part, table)
+            run.write(task.file, table)
             if plan.samples:
                 front.add(table)
             done += len(table)
@@ -104,14 +104,14 @@ def _make_exact(run: RunFolder, crew: Crew, front: Front, tell: Progress) -> Non
         if not wanted.size:
             return
         tasks = []
-        for part in np.unique(wanted // run.rows_per_part).tolist():
-            inside = wanted[wanted // run.rows_per_part == part]
-            tasks.append(Task(part, tuple(inside.tolist()), sampled=False))
+        for file in np.unique(wanted // run.rows_per_file).tolist():
+            inside = wanted[wanted // run.rows_per_file == file]
+            tasks.append(Task(file, tuple(inside.tolist()), sampled=False))
         tell("designs on the front made exact", done, done + wanted.size)
         for task, table in crew.done(tasks):
-            kept = run.read_part(task.part)
+            kept = run.read_file(task.file)
             kept = kept.filter(~np.isin(kept["design"].to_numpy(), task.designs))
-            run.write(task.part, pa.concat_tables([kept, table]).sort_by("design"))
+            run.write(task.file, pa.concat_tables([kept, table]).sort_by("design"))
             front.add(table)
             done += len(table)
             tell("designs on the front made exact", done, done + wanted.size)

@@ -385,14 +385,14 @@ def test_a_table_of_before_there_were_notes_is_chosen_from(swept, monkeypatch) -
     choice = choose(swept["exact"])
     assert choice.notes == []
 
-    read = RunFolder.read_part
+    read = RunFolder.read_file
 
     def without(self: RunFolder, part: int, columns: Any = None) -> Any:
         if "notes" in columns:
             raise OutputError("No match for FieldRef.Name(notes)")
         return read(self, part, columns)
 
-    monkeypatch.setattr(RunFolder, "read_part", without)
+    monkeypatch.setattr(RunFolder, "read_file", without)
     assert replace(choice).notes == []
 
 
@@ -518,7 +518,7 @@ def test_front_of_a_screening_that_was_stopped_says_that_p1_is_a_bound(
     plan = swept["even screened"].plan
     bench = Bench(plan, opencl)
     with RunFolder.writing("stopped", plan) as run:
-        for part in range(run.parts):
+        for part in range(run.files):
             run.write(part, bench.rows(run.designs_of(part), sampled=True))
     out, content = front_of(gpuspec_, run, "--no-pictures")
     exact = choose(swept["even"])

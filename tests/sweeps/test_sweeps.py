@@ -333,7 +333,7 @@ def stopping_after(count: int) -> Any:
 @pytest.fixture
 def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Files of 64 rows, so that a small sweep has many."""
-    monkeypatch.setattr(RunFolder, "rows_per_part", 64)
+    monkeypatch.setattr(RunFolder, "rows_per_file", 64)
 
 
 @pytest.mark.parametrize("samples", [0, 300])
@@ -531,7 +531,7 @@ def test_a_damaged_file_is_noticed_and_swept_again(
     run = RunFolder.read(tmp_path / "run")
     before = {path: path.read_bytes() for path in (tmp_path / "run").rglob("part-*")}
     run.file(3).write_bytes(spoilt(run.file(3).read_bytes(), how))
-    for read in (run.table, lambda: list(run.batches(["reason"])), lambda: run.read_part(3)):
+    for read in (run.table, lambda: list(run.batches(["reason"])), lambda: run.read_file(3)):
         with pytest.raises(OutputError, match=r"part-00000003\.parquet is damaged.*same `gpuspec"):
             read()
     assert run.damaged() == [3]
@@ -586,13 +586,13 @@ def test_a_sweep_of_before_there_were_checksums_gets_them(station, opencl, tmp_p
     whole = sweep(plan, tmp_path / "run", opencl).table()
     run = RunFolder.read(tmp_path / "run")
     (tmp_path / "run" / "sweep.sha256").unlink()
-    pq.write_table(run.read_part(0)[:5], run.file(0))
+    pq.write_table(run.read_file(0)[:5], run.file(0))
     run.file(1).write_bytes(b"PAR1 no more")
     run.file(2).unlink()
     with pytest.raises(OutputError, match="5 rows of 64"):
         RunFolder.read(tmp_path / "run").table()
     assert sweep(plan, tmp_path / "run", opencl).table().equals(whole)
-    assert len((tmp_path / "run" / "sweep.sha256").read_text("ascii").splitlines()) == run.parts
+    assert len((tmp_path / "run" / "sweep.sha256").read_text("ascii").splitlines()) == run.files
 
 
 @pytest.mark.parametrize("stop", range(1, 4))
@@ -602,7 +602,7 @@ def test_a_file_written_anew_is_known_whenever_the_writing_is_cut_short(
     """Killed before the checksum, between it and the file, or after both."""
     plan = Plan.of(station, GRID)
     run = sweep(plan, tmp_path / "run", opencl)
-    table = run.read_part(0)
+    table = run.read_file(0)
     changed = table.set_column(
         table.schema.get_field_index("backend"), "backend", pa.array(["other"] * len(table))
     )
@@ -627,7 +627,7 @@ def test_a_file_written_anew_is_known_whenever_the_writing_is_cut_short(
             run.write(0, changed)
     again = RunFolder.read(tmp_path / "run")
     assert again.damaged() == []
-    assert set(again.read_part(0)["backend"].to_pylist()) == {"opencl" if stop < 3 else "other"}
+    assert set(again.read_file(0)["backend"].to_pylist()) == {"opencl" if stop < 3 else "other"}
 
 
 def test_a_folder_of_something_else_or_in_use_is_refused(station, opencl, tmp_path):

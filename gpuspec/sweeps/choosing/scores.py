@@ -19,13 +19,13 @@ from gpuspec.sweeps.rule import Rule
 def rows_of(run: RunFolder, designs: Iterable[int], columns: Sequence[str]) -> pa.Table:
     """Return the rows of some designs, by their number; without those that are not there yet."""
     wanted = np.unique(np.fromiter(designs, np.int64))
-    owner = wanted // run.rows_per_part
+    owner = wanted // run.rows_per_file
     missing = set(run.missing())
     tables = []
-    for part in np.unique(owner).tolist():
-        if part not in missing:
-            table = run.read_part(part, ["design", *(c for c in columns if c != "design")])
-            tables.append(table.filter(np.isin(table["design"].to_numpy(), wanted[owner == part])))
+    for file in np.unique(owner).tolist():
+        if file not in missing:
+            table = run.read_file(file, ["design", *(c for c in columns if c != "design")])
+            tables.append(table.filter(np.isin(table["design"].to_numpy(), wanted[owner == file])))
     return pa.concat_tables(tables)
 
 

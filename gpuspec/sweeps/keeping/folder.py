@@ -44,7 +44,7 @@ class RunFolder:
     plan : Plan
     """
 
-    rows_per_part = 512
+    rows_per_file = 512
 
     def __init__(self, path: Path, plan: Plan) -> None:
         self.path = path
@@ -154,7 +154,7 @@ class RunFolder:
     def check_valid(self) -> None:
         """Raise StationError, with the first reason, if no design of the table is valid."""
         if all(not table["reason"].null_count for table in self.batches(["reason"])):
-            reason = self.read_part(0, ["reason"])["reason"][0].as_py()
+            reason = self.read_file(0, ["reason"])["reason"][0].as_py()
             raise StationError(f"no design of the sweep is a valid station, e.g.: {reason}")
 
     def invalid(self) -> tuple[int, str] | None:
@@ -168,42 +168,42 @@ class RunFolder:
 
     def there(self) -> int:
         """Return how many designs the folder holds."""
-        missing = sum(len(self.designs_of(part)) for part in self.missing())
+        missing = sum(len(self.designs_of(number)) for number in self.missing())
         return self.plan.designs - missing
 
     @property
-    def parts(self) -> int:
+    def files(self) -> int:
         """Number of files of a finished table."""
-        return -(-self.plan.designs // self.rows_per_part)
+        return -(-self.plan.designs // self.rows_per_file)
 
-    def designs_of(self, part: int) -> range:
+    def designs_of(self, number: int) -> range:
         """Return the designs of a file."""
-        first = part * self.rows_per_part
-        return range(first, min(first + self.rows_per_part, self.plan.designs))
+        first = number * self.rows_per_file
+        return range(first, min(first + self.rows_per_file, self.plan.designs))
 
-    def file(self, part: int) -> Path:
+    def file(self, number: int) -> Path:
         """Return the path of a file of the table."""
-        return self.path / _TABLE / f"part-{part:08}.parquet"
+        return self.path / _TABLE / f"part-{number:08}.parquet"
 
     def damaged(self) -> list[int]:
         """Return the files that are there, but do not hold what was written."""
         found = []
-        for part in self._there():
+        for number in self._there():
             try:
-                self._verify(part)
+                self._verify(number)
             except OutputError:
-                found.append(part)
+                found.append(number)
         return found
 
     def _there(self) -> list[int]:
-        return sorted(set(range(self.parts)) - set(self.missing()))
+        return sorted(set(range(self.files)) - set(self.missing()))
 
     def missing(self) -> list[int]:
         """Return the files still to be written."""
         there = {path.name for path in (self.path / _TABLE).glob("part-*.parquet")}
-        return [part for part in range(self.parts) if self.file(part).name not in there]
+        return [number for number in range(self.files) if self.file(number).name not in there]
 
-    def write(self, part: int, table: pa.Table) -> None:
+    def write(self, number: int, table: pa.Table) -> None:
         """Write a file of the table, in place of an earlier one.
 
         Raises
@@ -218,14 +218,14 @@ class RunFolder:
         found = checksum(data)
         with writes_to(self.path):
             _write_whole(
-                self.file(part),
+                self.file(number),
                 lambda file: file.write_bytes(data),
                 # Before the file has its name: with a new checksum an earlier file is sound, too.
-                lambda: self._checksums.add(self.file(part), found),
+                lambda: self._checksums.add(self.file(number), found),
             )
-        self._sound[part] = found
+        self._sound[number] = found
 
-    def read_part(self, part: int, columns: Sequence[str] | None = None) -> pa.Table:
+    def read_file(self, number: int, columns: Sequence[str] | None = None) -> pa.Table:
         """Read a file of the table.
 
         Raises
@@ -233,18 +233,18 @@ class RunFolder:
         OutputError
             If it is damaged.
         """
-        self._verify(part)
+        self._verify(number)
         try:
-            table = pq.read_table(self.file(part), columns=columns, partitioning=None)
-            self._check_rows(part, table)
+            table = pq.read_table(self.file(number), columns=columns, partitioning=None)
+            self._check_rows(number, table)
             return table
         except (pa.ArrowException, OSError) as error:
-            raise self._damage(part, str(error)) from None
+            raise self._damage(number, str(error)) from None
 
     def batches(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
         """Yield the table file by file, those that are there, in their order."""
-        for part in self._there():
-            yield self.read_part(part, columns)
+        for number in self._there():
+            yield self.read_file(number, columns)
 
     def table(self, columns: Sequence[str] | None = None) -> pa.Table:
         """Return the whole table, or some columns of it.
@@ -254,8 +254,8 @@ class RunFolder:
         OutputError
             If a file is damaged.
         """
-        for part in self._there():
-            self._verify(part)
+        for number in self._there():
+            self._verify(number)
         return ds.dataset(self.path / _TABLE, format="parquet").to_table(columns=columns)
 
     def repair(self) -> None:
@@ -269,8 +269,8 @@ class RunFolder:
             If the folder cannot be written.
         """
         with writes_to(self.path):
-            for part in self.damaged():
-                self.file(part).unlink()
+            for number in self.damaged():
+                self.file(number).unlink()
         if not self._checksums.exist():
             self.seal()
 
@@ -282,14 +282,14 @@ class RunFolder:
         OutputError
             If the disk is full, or a file is damaged.
         """
-        for part in self._there():
-            self._verify(part)
-        found = {self.file(part): one for part, one in sorted(self._sound.items())}
+        for number in self._there():
+            self._verify(number)
+        found = {self.file(number): one for number, one in sorted(self._sound.items())}
         text = self._checksums.text(found)
         with writes_to(self.path):
             _write_whole(self._checksums.path, lambda file: file.write_text(text, "ascii"))
 
-    def _verify(self, part: int) -> None:
+    def _verify(self, number: int) -> None:
         """Read a file and compare its checksum, once.
 
         Raises
@@ -297,27 +297,27 @@ class RunFolder:
         OutputError
             If it is not what was written.
         """
-        if part in self._sound:
+        if number in self._sound:
             return
         try:
-            data = self.file(part).read_bytes()
+            data = self.file(number).read_bytes()
             found = checksum(data)
-            if not self._checksums.hold(self.file(part), found):
+            if not self._checksums.hold(self.file(number), found):
                 if self._checksums.exist():
-                    raise self._damage(part, "its checksum is not that of what was written")
-                self._check_rows(part, pq.read_table(pa.BufferReader(data)))
+                    raise self._damage(number, "its checksum is not that of what was written")
+                self._check_rows(number, pq.read_table(pa.BufferReader(data)))
         except (pa.ArrowException, OSError) as error:
-            raise self._damage(part, str(error)) from None
-        self._sound[part] = found
+            raise self._damage(number, str(error)) from None
+        self._sound[number] = found
 
-    def _check_rows(self, part: int, table: pa.Table) -> None:
-        if len(table) != len(self.designs_of(part)):
-            raise pa.ArrowInvalid(f"{len(table)} rows of {len(self.designs_of(part))}")
+    def _check_rows(self, number: int, table: pa.Table) -> None:
+        if len(table) != len(self.designs_of(number)):
+            raise pa.ArrowInvalid(f"{len(table)} rows of {len(self.designs_of(number))}")
 
-    def _damage(self, part: int, why: str) -> OutputError:
+    def _damage(self, number: int, why: str) -> OutputError:
         return OutputError(
-            f"{self.file(part)} is damaged ({why}); the same `gpuspec sweep` into the same folder "
-            f"tries its designs again."
+            f"{self.file(number)} is damaged ({why}); the same `gpuspec sweep` into the same "
+            f"folder tries its designs again."
         )
 
 
