@@ -16,15 +16,14 @@ from matplotlib.patches import Patch
 from matplotlib.text import Text
 from PIL import Image
 
-from gpuspec.arrays import LOST
+from gpuspec.arrays import LOST, pooled
 from gpuspec.detection.score import score
 from gpuspec.light.float64 import ray_paths
-from gpuspec.pictures import all as figures
-from gpuspec.pictures import detection, page
+from gpuspec.pictures import detection, page, place, sequence
 from gpuspec.pictures.all import PICTURES, detection_picture
 from gpuspec.pictures.aspect import aspect_picture
 from gpuspec.pictures.histogram import histogram_picture
-from gpuspec.pictures.lost import lost_picture
+from gpuspec.pictures.lost import LOST_COLOURS, lost_picture
 from gpuspec.pictures.page import MARGIN, SKY, VERMILION, WIDTH, YELLOW, png
 from gpuspec.pictures.sequence import sequence_animation, sequence_strip
 from gpuspec.pictures.station import station_drawing, station_picture
@@ -313,7 +312,7 @@ def test_reducing_keeps_the_mean_and_the_maximum_where_the_image_does_not_divide
     blocks = [[image[r : r + 3, c : c + 3] for c in range(0, 11, 3)] for r in range(0, 7, 3)]
     for by, expected in ((np.add, np.mean), (np.maximum, np.max), (np.minimum, np.min)):
         wanted = [[expected(block) for block in row] for row in blocks]
-        np.testing.assert_allclose(page.pooled(image, 3, by), wanted, rtol=1e-6)
+        np.testing.assert_allclose(pooled(image, 3, by), wanted, rtol=1e-6)
 
 
 def test_the_scale_bar_has_the_length_it_says(reduced: Result) -> None:
@@ -327,7 +326,7 @@ def test_lost_pixels_are_in_the_colour_of_their_reason() -> None:
     image = pixels(lost_picture(made))
     present = np.unique(made.lost)
     assert len(present) >= 3
-    for reason, colour in enumerate(figures.LOST_COLOURS):
+    for reason, colour in enumerate(LOST_COLOURS):
         if LOST[reason] != "beside the part":
             assert is_colour(image[MARGIN + 20 :], colour).any() == (reason in present)
 
@@ -355,9 +354,9 @@ def test_full_scale_is_white_and_no_scale_passes_it(reduced: Result, threshold) 
     saturated = dataclasses.replace(
         reduced, inspection=found, aspect=np.full_like(reduced.aspect, 255)
     )
-    low, high = page.grey_range(saturated)
+    low, high = place.grey_range(saturated)
     assert low < high == 255
-    assert page.range_up_to(255.0, saturated, 0.05)[1] == 255
+    assert place.range_up_to(255.0, saturated, 0.05)[1] == 255
 
 
 def test_the_strip_spreads_over_one_period(reduced: Result) -> None:
@@ -369,7 +368,7 @@ def test_the_strip_spreads_over_one_period(reduced: Result) -> None:
 
 def test_a_sequence_of_many_periods_still_shows_one() -> None:
     station = Station.parse("sequence = { images = 40, step_mm = 17.0 }")
-    shifts = np.array(figures._spread(station, 4)) * 17.0 % 16
+    shifts = np.array(sequence._spread(station, 4)) * 17.0 % 16
     np.testing.assert_allclose(shifts, [0, 4, 8, 12])
 
 
