@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import resource
 import shutil
 import subprocess
@@ -12,24 +11,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from documents import CHECKOUT, block_said
 from test_devices import UNKNOWN_CPU
 from test_wheel import clean_environment
 
 from gpuspec.light import pocl
 from gpuspec.light.devices import BACKENDS
 
-CHECKOUT = Path(__file__).resolve().parents[1]
 NUMPY_SECONDS = 12.0
 """Of one core, of the demo without any driver; 5.0 measured. Time by the clock depends on whatever
 else the machine does, and is not more than this."""
-
-
-def readme_command() -> str:
-    """The README's first shell command: it sets up and runs the main job."""
-    text = (CHECKOUT / "README.md").read_text("utf-8")
-    found = re.search(r"^```sh\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
-    assert found
-    return found[1]
 
 
 @dataclass(frozen=True)
@@ -65,7 +56,7 @@ def fresh(tmp_path_factory: pytest.TempPathFactory) -> Fresh:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(CHECKOUT / name, folder / name)
     made = Fresh(folder, tmp_path_factory.mktemp("home"))
-    done = made.run(readme_command(), **UNKNOWN_CPU)
+    done = made.run(block_said("main command"), **UNKNOWN_CPU)
     assert done.returncode == 0, done.stderr
     return made
 
