@@ -28,6 +28,8 @@ diameter_mm = 0.8
 depth_um = 8.0
 """
 PROGRAM = [sys.executable, "-m", "gpuspec"]
+UNKNOWN_CPU = {"PYTHONPATH": str(Path(__file__).parent / "unknown_cpu")}
+"""In such a process PoCL reports a CPU that its compiler does not know, on any machine."""
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,16 @@ import oracle
 
 from gpuspec.station.station import Station
 
+# Pupil D, sigma, depth d (mm), exposure g, flawless median, maximum: the check values of the model,
+# the pinhole's maxima after 262,144 rays per pixel.
+TABLE = (
+    (3.0, 0.25, 0.010, 1.0, 63.75, 63.75),
+    (3.0, 0.25, 0.010, 4.0, 70.1, 118.1),
+    (3.0, 0.10, 0.002, 4.0, 70.1, 120.6),
+    (0.0, 0.25, 0.010, 4.0, 63.75, 118.0),
+    (0.0, 0.15, 0.005, 4.0, 63.75, 134.6),
+)
+
 
 def check_station(
     pupil: float = 3.0,

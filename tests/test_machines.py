@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from commandline import UNKNOWN_CPU
 from documents import CHECKOUT, block_said
-from test_devices import UNKNOWN_CPU
 from test_wheel import clean_environment
 
 from gpuspec.light import pocl

@@ -15,22 +15,31 @@ A line of ```text that ends with ... goes on in what is printed.
 
 from __future__ import annotations
 
+import ast
+import importlib
 import os
 import re
 import shlex
 import shutil
 import subprocess
 import sys
+import tomllib
+from collections.abc import Iterator
 from contextlib import chdir, redirect_stdout
+from functools import cache
 from io import StringIO
 from pathlib import Path
 from urllib.parse import unquote
 
+import click
 import pytest
+import typer
 from documents import CHAPTERS, CHECKOUT, README, REFERENCE, Block, blocks
 from PIL import Image
 
-from gpuspec.report import FILES
+from gpuspec.cli.main import app
+from gpuspec.report.folder import FILES
+from gpuspec.station.keys import keys
 
 DOCUMENTS = (README, *CHAPTERS)
 ALL = (*DOCUMENTS, REFERENCE, CHECKOUT / "kernels/README.md", CHECKOUT / "shaders/README.md")
@@ -38,6 +47,7 @@ SECONDS = 300.0
 """Longest a block may take; the longest, a sweep of 15,360 designs, takes 7 on two cores."""
 GPUSPEC = f'gpuspec() {{ {shlex.quote(sys.executable)} -m gpuspec "$@"; }}\n'
 """That of this checkout, whichever is installed."""
+SUFFIXES = {".toml", ".png", ".gif", ".json", ".csv", ".tif", ".sha256", ".py"}
 LONGEST_README = 150  # lines: what is read to its end
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
 
@@ -52,8 +62,8 @@ def shell(block: Block, folder: Path) -> str:
     printed = ""
     for script in block.text.splitlines() if refused else [block.text]:
         done = subprocess.run(
-            ["bash", "-e", "-o", "pipefail", "-c", GPUSPEC + script], cwd=folder, timeout=SECONDS, text=True,
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            ["bash", "-e", "-o", "pipefail", "-c", GPUSPEC + script], cwd=folder, text=True,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=SECONDS,
             env={**os.environ, "PYTHONPATH": str(CHECKOUT), "COLUMNS": "200"},
         )  # fmt: skip
         assert done.returncode == refused, f"{block}{done.stdout}"
@@ -109,7 +119,8 @@ def toured(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_the_readmes_commands_run_and_print_what_it_says(toured: Path):
-    assert {"trim.toml", "even", "sweep", "best.toml", "best"} <= set(os.listdir(toured))
+    left = {path.name for path in toured.iterdir()}
+    assert {"trim.toml", "even", "sweep", "best.toml", "best"} <= left
 
 
 # Without a driver of OpenGL its tests are skipped by their name.
@@ -155,21 +166,27 @@ def anchors(document: Path) -> set[str]:
     return {head.replace(" ", "-") for head in kept}
 
 
-@pytest.mark.parametrize("document", ALL, ids=named)
-def test_every_link_leads_to_a_file_of_the_checkout_or_to_a_site(document: Path):
-    tracked = set(subprocess.run(
+@cache
+def tracked() -> frozenset[str]:
+    """The files of the checkout, as git spells them: a code host tells upper from lower case."""
+    listed = subprocess.run(
         ["git", "ls-files", "-co", "--exclude-standard"], cwd=CHECKOUT, check=True, text=True,
         capture_output=True, timeout=SECONDS,
-    ).stdout.splitlines())  # fmt: skip
+    )  # fmt: skip
+    return frozenset(name for name in listed.stdout.splitlines() if (CHECKOUT / name).exists())
+
+
+@pytest.mark.parametrize("document", ALL, ids=named)
+def test_every_link_leads_to_a_file_of_the_checkout_or_to_a_site(document: Path):
+    held = tracked()
     for link in links(document):
         if link.startswith("https://"):
             continue
         path, _, anchor = link.partition("#")
         assert ":" not in path and "\\" not in path and not path.startswith("/"), link
         target = Path(os.path.normpath(document.parent / unquote(path))) if path else document
-        # As git spells it: a code host tells upper from lower case.
         known = target.relative_to(CHECKOUT).as_posix()
-        assert known in tracked or any(name.startswith(f"{known}/") for name in tracked), link
+        assert known in held or any(name.startswith(f"{known}/") for name in held), link
         assert not anchor or anchor in anchors(target), link
 
 
@@ -192,3 +209,99 @@ def test_every_picture_is_shown_by_a_document_and_can_be_opened():
 
 def test_the_readme_is_short_enough_to_be_read_to_its_end():
     assert len(README.read_text("utf-8").splitlines()) <= LONGEST_README
+
+
+def spans(document: Path) -> list[str]:
+    """What stands as code within a document's sentences and tables."""
+    text = re.sub(r"^```.*?^```$", "", document.read_text("utf-8"), flags=re.MULTILINE | re.DOTALL)
+    return re.findall(r"`([^`\n]+)`", text)
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=named)
+def test_every_key_that_is_named_is_one(document: Path):
+    known = {key.path for key in keys()}
+    sections = {path.partition(".")[0] for path in known}
+    for span in spans(document):
+        found = re.match(r"(?:--set )?([a-z]+)(?:\[\d\])?(\.[a-z_]+(?:\.[a-z_]+)?)(?: ?=|$)", span)
+        if found and found[1] in sections and Path(span).suffix not in SUFFIXES:
+            assert found[1] + found[2] in known, span
+
+
+def options(command: click.Command) -> set[str]:
+    """Return the options of a command and of those below it."""
+    found = {option for one in command.params for option in (*one.opts, *one.secondary_opts)}
+    for below in getattr(command, "commands", {}).values():
+        found |= options(below)
+    return found
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=named)
+def test_every_option_that_is_named_is_one(document: Path):
+    known = options(typer.main.get_command(app)) | {"--install-completion"}
+    for span in spans(document):
+        if span.startswith(("gpuspec ", "--")):
+            assert set(re.findall(r"(?<!\S)--[a-z][\w-]*", span)) <= known, span
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=named)
+def test_every_extra_and_every_file_that_is_named_is_there(document: Path):
+    text = document.read_text("utf-8")
+    extras = tomllib.loads((CHECKOUT / "pyproject.toml").read_text("utf-8"))["project"]
+    for found in re.findall(r"\"\.\[(\w+)\]\"", text):
+        assert found in extras["optional-dependencies"]
+    for file in re.findall(r"(?:tests|kernels|shaders|\.ci)/\w[\w./]*\w", text):
+        assert (CHECKOUT / file).exists(), file
+    for test in re.findall(r"\btest_\w+\.py", text):
+        assert list((CHECKOUT / "tests").rglob(test)), test
+
+
+def test_the_files_of_a_run_are_those_that_it_writes():
+    (chapter,) = (path for path in CHAPTERS if path.stem == "stations-and-parts")
+    _, _, below = chapter.read_text("utf-8").partition("## What a run leaves")
+    rows = re.findall(r"^\| (`.*?) \|", below, re.MULTILINE)
+    assert set(re.findall(r"`([\w.]+)`", " ".join(rows[: len(FILES)]))) >= set(FILES)
+
+
+def imported(program: str) -> Iterator[tuple[str, str]]:
+    """Yield what a program imports: module and name."""
+    for node in ast.walk(ast.parse(program)):
+        if isinstance(node, ast.ImportFrom):
+            yield from ((node.module or "", alias.name) for alias in node.names)
+        elif isinstance(node, ast.Import):
+            yield from ((alias.name, "") for alias in node.names)
+
+
+def unrun() -> Iterator[str]:
+    """Yield the programs that no test runs: blocks, and the benchmarks that print the figures."""
+    for document in DOCUMENTS:
+        for block in blocks(document):
+            if block.language == "python" and not block.runs:
+                yield block.text
+    for path in (CHECKOUT / "tests/benchmarks").glob("*.py"):
+        yield path.read_text("utf-8")
+
+
+def test_what_is_not_run_imports_what_is_there():
+    for program in unrun():
+        for module, name in imported(program):
+            assert not module.startswith("test_"), module  # tests move; what they share does not
+            if module.partition(".")[0] == "gpuspec" and name:
+                there = importlib.import_module(module)
+                assert hasattr(there, name) or importlib.import_module(f"{module}.{name}")
+
+
+def test_the_map_of_the_house_names_every_room():
+    (house,) = (block for block in blocks(README) if block.text.startswith("gpuspec/"))
+    told = re.findall(r"^( *)(\.?\w+)/ ", house.text, re.MULTILINE)
+    rooms, above = set(), ""
+    for indent, name in told:
+        above = above if indent else name
+        rooms.add(f"{above}/{name}" if indent else name)
+    folders = {path.parent for path in map(Path, tracked())}
+    there = {folder.as_posix() for folder in folders if folder.parts}
+    assert rooms <= there
+    packages = {
+        "/".join(Path(name).parts[:2]) for name in tracked() if name.endswith("__init__.py")
+    }
+    assert {path for path in packages if "." not in path} <= rooms
+    assert {folder.split("/")[0] for folder in there} <= rooms

@@ -13,8 +13,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import oracle
-from scenes import check_station, oracle_scene
-from test_accuracy import TABLE
+from scenes import TABLE, check_station, oracle_scene
 
 from gpuspec.light.devices import open_backend
 from gpuspec.light.float64_backend import NumpyBackend

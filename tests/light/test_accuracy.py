@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import oracle
 import pytest
-from scenes import check_station, oracle_scene
+from scenes import TABLE, check_station, oracle_scene
 from tolerances import (
     ANY_SCENE_RMS_DN,
     ONE_FOOTPRINT_MAX_DN,
@@ -20,16 +20,6 @@ from tolerances import (
 
 from gpuspec.light.opencl import OpenCLBackend
 from gpuspec.station.station import Station
-
-# Pupil D, sigma, depth d (mm), exposure g, flawless median, maximum: the check values of the model,
-# the pinhole's maxima after 262,144 rays per pixel.
-TABLE = (
-    (3.0, 0.25, 0.010, 1.0, 63.75, 63.75),
-    (3.0, 0.25, 0.010, 4.0, 70.1, 118.1),
-    (3.0, 0.10, 0.002, 4.0, 70.1, 120.6),
-    (0.0, 0.25, 0.010, 4.0, 63.75, 118.0),
-    (0.0, 0.15, 0.005, 4.0, 63.75, 134.6),
-)
 
 SCRATCH = {
     "kind": "scratch", "points_mm": [[-3.0, -2.1], [3.0, 2.5]], "width_mm": 0.6, "depth_um": 4.0,

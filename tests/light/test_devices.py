@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from commandline import program, said
+from commandline import UNKNOWN_CPU, program, said
 
 from gpuspec import cache
 from gpuspec.errors import BackendError, DeviceError, DeviceWarning
@@ -20,9 +20,6 @@ from gpuspec.light.device_test import COPY, FILES, ROWS
 from gpuspec.light.devices import BACKENDS, DeviceReport, Found, fastest, open_backend, survey
 from gpuspec.light.float64_backend import NumpyBackend
 from gpuspec.light.opencl import VECTOR, OpenCLBackend
-
-UNKNOWN_CPU = {"PYTHONPATH": str(Path(__file__).parents[1] / "unknown_cpu")}
-"""In such a process PoCL reports a CPU that its compiler does not know, on any machine."""
 
 QUICK = ("--set", "camera.sampling_mm=0.5", "--no-pictures")
 
