@@ -36,6 +36,7 @@ import pytest
 import typer
 from documents import CHAPTERS, CHECKOUT, README, REFERENCE, Block, blocks
 from PIL import Image
+from test_layout import LADDER
 
 from gpuspec.cli.main import app
 from gpuspec.report.folder import FILES
@@ -305,3 +306,15 @@ def test_the_map_of_the_house_names_every_room():
     }
     assert {path for path in packages if "." not in path} <= rooms
     assert {folder.split("/")[0] for folder in there} <= rooms
+
+
+def test_the_map_of_the_house_tells_the_ladder_of_its_imports():
+    (house,) = (block for block in blocks(README) if block.text.startswith("gpuspec/"))
+    told, _, _ = house.text.removeprefix("gpuspec/").partition(":")
+    steps = [set(re.findall(r"\w+", step)) for step in told.split("→")]
+    climbed = [next(i for i, rung in enumerate(LADDER) if step <= rung) for step in steps]
+    assert climbed == sorted(set(climbed))
+    folders = {
+        path.name for path in (CHECKOUT / "gpuspec").iterdir() if (path / "__init__.py").exists()
+    }
+    assert folders <= set.union(*steps)
