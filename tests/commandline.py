@@ -12,6 +12,8 @@ from typing import Any
 
 from gpuspec.files import MANIFEST, Outputs
 
+UNKNOWN_CPU = {"PYTHONPATH": str(Path(__file__).parent / "unknown_cpu")}
+"""In such a process PoCL reports a CPU that its compiler does not know, on any machine."""
 STATION = """
 [part]
 length_mm = 12.0
@@ -28,8 +30,6 @@ diameter_mm = 0.8
 depth_um = 8.0
 """
 PROGRAM = [sys.executable, "-m", "gpuspec"]
-UNKNOWN_CPU = {"PYTHONPATH": str(Path(__file__).parent / "unknown_cpu")}
-"""In such a process PoCL reports a CPU that its compiler does not know, on any machine."""
 
 
 @dataclass(frozen=True)
