@@ -9,7 +9,26 @@ from numpy.typing import NDArray
 
 
 def pooled(image: NDArray[Any], factor: int, by: np.ufunc) -> NDArray[Any]:
-    """Reduce squares of `factor` pixels by np.add (to their mean), np.maximum or np.minimum."""
+    """Reduce squares of `factor` pixels by np.add (to their mean), np.maximum or np.minimum.
+
+    Parameters
+    ----------
+    image : ndarray of float32, shape (M, N)
+    factor : int
+        Side of a square, in pixels; 1 returns the image itself.
+    by : np.ufunc
+        np.add, np.maximum or np.minimum.
+
+    Returns
+    -------
+    ndarray, shape (ceil(M / factor), ceil(N / factor))
+
+    Examples
+    --------
+    >>> from gpuspec.arrays import pooled
+    >>> pooled(np.arange(6, dtype=np.float32).reshape(2, 3), 2, np.maximum).tolist()
+    [[4.0, 5.0]]
+    """
     if factor == 1:
         return image
     # Whole slices, rows then columns: far faster than reduceat, and the last square may be small.
@@ -32,7 +51,21 @@ Mask = NDArray[np.bool_]
 
 
 def check_label_image(name: str, labels: LabelImage, shape: tuple[int, ...] | None = None) -> None:
-    """Raise ValueError unless `labels` is an (M, N) array of integers from 0 (of this shape)."""
+    """See that labels are an (M, N) array of integers from 0, and of a shape.
+
+    Parameters
+    ----------
+    name : str
+        What the array is called, for the message.
+    labels : (M, N) integer array
+    shape : tuple of int, optional
+        Of the image beside it; None: any.
+
+    Raises
+    ------
+    ValueError
+        If they are not.
+    """
     if labels.ndim != 2 or labels.dtype.kind not in "iu":
         raise ValueError(
             f"{name} must be an (M, N) array of integers, not {labels.dtype} of {labels.shape}."
@@ -44,7 +77,21 @@ def check_label_image(name: str, labels: LabelImage, shape: tuple[int, ...] | No
 
 
 def check_mask(name: str, mask: Mask, shape: tuple[int, ...]) -> None:
-    """Raise ValueError unless `mask` is an array of bool of this shape."""
+    """See that a mask is an array of bool of a shape.
+
+    Parameters
+    ----------
+    name : str
+        What the array is called, for the message.
+    mask : (M, N) bool array
+    shape : tuple of int
+        Of the image beside it.
+
+    Raises
+    ------
+    ValueError
+        If it is not.
+    """
     if mask.dtype != np.bool_ or mask.shape != shape:
         raise ValueError(
             f"{name} must be an array of bool of {shape}, not {mask.dtype} of {mask.shape}."

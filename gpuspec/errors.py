@@ -42,6 +42,12 @@ class ExtraError(GpuspecError):
     def of(cls, error: ModuleNotFoundError, extra: str) -> ExtraError:
         """Say which extra of gpuspec to install for a package that is missing.
 
+        Parameters
+        ----------
+        error : ModuleNotFoundError
+        extra : str
+            Name of the extra in pyproject.toml.
+
         Raises
         ------
         ModuleNotFoundError

@@ -45,6 +45,7 @@ class Crown:
 
     Examples
     --------
+    >>> from gpuspec.shapes import Crown
     >>> crown = Crown.of_radii(500.0, None)
     >>> f"{crown.height(100.0, 0.0):.3f} mm, slope {crown.slope(100.0, 0.0)[0]:.3f}"
     '-10.102 mm, slope -0.204'
@@ -55,7 +56,13 @@ class Crown:
 
     @classmethod
     def of_radii(cls, radius_x_mm: float | None, radius_y_mm: float | None) -> Crown:
-        """Return the crown of two radii; None: flat along that axis."""
+        """Return the crown of two radii.
+
+        Parameters
+        ----------
+        radius_x_mm, radius_y_mm : float or None
+            > 0 convex, < 0 concave; None: flat along that axis.
+        """
         return cls(*(1 / radius if radius else 0.0 for radius in (radius_x_mm, radius_y_mm)))
 
     def height(self, x: ArrayLike, y: ArrayLike) -> Array:

@@ -16,18 +16,43 @@ ROWS = 20  # of a table in a notebook
 
 
 def array(values: Any, unit: str = "") -> str:
-    """Return an array's shape, type and unit, e.g. ``(1000, 4000) float32, DN``."""
+    """Return an array's shape, type and unit, e.g. ``(1000, 4000) float32, DN``.
+
+    Parameters
+    ----------
+    values : ndarray
+    unit : str
+        Said after the type; "": none.
+    """
     return f"{tuple(values.shape)} {values.dtype}" + (f", {unit}" if unit else "")
 
 
 def object_of(name: str, said: str, parts: Mapping[str, str] | None = None) -> str:
-    """Return an object's name with what is said of it, and a line for each of its parts."""
+    """Return an object's name with what is said of it, and a line for each of its parts.
+
+    Parameters
+    ----------
+    name : str
+        Of the class.
+    said : str
+        What stands in the brackets.
+    parts : mapping of str to str, optional
+        Name of each part, and what is said of it.
+    """
     lines = [f"  {part}: {what}" for part, what in (parts or {}).items()]
     return "\n".join([f"{name}({said})", *lines])
 
 
 def html_table(rows: Iterable[Mapping[str, Any]], total: int) -> str:
-    """Return the first rows of a table for a notebook."""
+    """Return the first rows of a table for a notebook.
+
+    Parameters
+    ----------
+    rows : iterable of mapping
+        Name of the column to value, all with the same names.
+    total : int
+        Number of rows of the whole table.
+    """
     shown = list(rows)[:ROWS]
     if not shown:
         return "<p>none</p>"
@@ -46,7 +71,16 @@ def cell(value: Any) -> str:
 
 
 def grey_png(image: NDArray[Any], full: float, width: int = 1200) -> bytes:
-    """Return an image as a PNG, reduced to a width, black at 0 and white at `full`."""
+    """Return an image as a PNG, reduced to a width, black at 0 and white at `full`.
+
+    Parameters
+    ----------
+    image : ndarray, shape (M, N)
+    full : float
+        What is white, in the image's unit.
+    width : int
+        Greatest side of the picture, in pixels.
+    """
     from io import BytesIO
 
     from PIL import Image

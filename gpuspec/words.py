@@ -20,7 +20,14 @@ LEGEND = f"p1: {P1}; p2: {P2}; f1: of both; {BEST}"
 
 
 def precision(p1: float, detected_px: int) -> str:
-    """Return P1 as it is printed; of no detected pixels it is 1 by definition and says nothing."""
+    """Return P1 as it is printed; of no detected pixels it is 1 by definition and says nothing.
+
+    Parameters
+    ----------
+    p1 : float
+    detected_px : int
+        Detected pixels.
+    """
     return f"{p1:.3f}" if detected_px else "- (nothing detected)"
 
 
@@ -31,5 +38,12 @@ def number(value: float) -> str:
 
 
 def plural(count: int, thing: str) -> str:
-    """Return "1 design" or "2,000 designs"."""
+    """Return "1 design" or "2,000 designs".
+
+    Parameters
+    ----------
+    count : int
+    thing : str
+        In the singular.
+    """
     return f"{count:,} {thing}{'' if count == 1 else 's'}"

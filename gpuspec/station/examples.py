@@ -10,7 +10,14 @@ from gpuspec.station.station import Station
 
 
 def examples() -> tuple[str, ...]:
-    """Return the names of the stations that come with the package."""
+    """Return the names of the stations that come with the package.
+
+    Examples
+    --------
+    >>> from gpuspec.station.examples import examples
+    >>> examples()
+    ('measured', 'trim')
+    """
     folder = resources.files("gpuspec") / "examples"
     return tuple(
         sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml"))
@@ -24,6 +31,16 @@ def example(name: str) -> Station:
     ------
     StationError
         If there is none of that name.
+
+    Examples
+    --------
+    >>> gpuspec.example("trim")
+    Station(trim.toml: part 200 x 50 mm, 2 defects, 3 populations; ceiling at 300 mm,
+        stripes 2 + 6 mm; 4000 x 1000 pixels, 40 images)
+    >>> gpuspec.example("demo")
+    Traceback (most recent call last):
+        ...
+    gpuspec.errors.StationError: there is no example 'demo'; choose one of measured, trim.
     """
     return Station.parse(example_text(name), f"{name}.toml", Path.cwd())
 

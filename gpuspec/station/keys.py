@@ -72,6 +72,14 @@ def keys(start: str = "") -> tuple[Key, ...]:
     ------
     StationError
         If there is no such section or key.
+
+    Examples
+    --------
+    >>> from gpuspec.station.keys import keys
+    >>> [key.name for key in keys("sequence")]
+    ['images', 'step_mm', 'fusion', 'lag']
+    >>> keys("camera.pupil_mm")[0].meaning
+    'diameter of the lens pupil; 0: pinhole'
     """
     schema = Station.model_json_schema()
     found = tuple(_section("", schema, schema))
@@ -84,7 +92,18 @@ def keys(start: str = "") -> tuple[Key, ...]:
 
 
 def markdown(chosen: tuple[Key, ...], *, head: bool = True) -> str:
-    """Return keys as Markdown, a table for each section, under a title and a paragraph."""
+    """Return keys as Markdown, a table for each section, under a title and a paragraph.
+
+    Parameters
+    ----------
+    chosen : tuple of Key
+    head : bool
+        Whether the title and the paragraph are written.
+
+    Returns
+    -------
+    str
+    """
     text, section = [HEAD] if head else [], ""
     for key in chosen:
         if key.section != section:

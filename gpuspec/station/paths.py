@@ -18,6 +18,12 @@ def places(path: str) -> list[str | int]:
     """Return the steps of a dotted path; entries of lists count from 1 in it, from 0 here.
 
     ``"defects[2].depth_um"`` gives ``["defects", 1, "depth_um"]``.
+
+    Examples
+    --------
+    >>> from gpuspec.station.paths import places
+    >>> places("defects[2].depth_um")
+    ['defects', 1, 'depth_um']
     """
     steps: list[str | int] = []
     for part in path.split("."):
@@ -40,7 +46,14 @@ def plain(value: Any) -> Any:
 
 
 def at(station: Section, path: str) -> Any:
-    """Return what a station holds at a path; None where there is nothing."""
+    """Return what a station holds at a path; None where there is nothing.
+
+    Parameters
+    ----------
+    station : Station or a section of it
+    path : str
+        Dotted, as in ``defects[1].depth_um``; entries count from 1.
+    """
     found: Any = station
     for place in places(path):
         if isinstance(place, int):
@@ -51,7 +64,17 @@ def at(station: Section, path: str) -> Any:
 
 
 def merged(section: Any, old: Any, new: Any) -> Any:
-    """Return a section's table with the keys of another put in; a value is replaced."""
+    """Return a section's table with the keys of another put in; a value is replaced.
+
+    Parameters
+    ----------
+    section : Section or value
+        What stands at that place: a defect of another kind and a distribution are replaced whole.
+    old : dict or value
+        What the section holds, as TOML has it.
+    new : dict or value
+        What is put in; None unsets a key.
+    """
     if not isinstance(section, Section) or isinstance(section, Distribution):
         return new
     if not isinstance(old, dict) or not isinstance(new, dict):

@@ -86,6 +86,16 @@ class Station(Section):
     ------
     StationError
         One line per wrong value.
+
+    Examples
+    --------
+    >>> dent = {"kind": "dent", "x_mm": 2.0, "y_mm": 1.0, "diameter_mm": 1.0, "depth_um": 8.0}
+    >>> station = gpuspec.Station(part={"length_mm": 20.0, "width_mm": 10.0}, defects=[dent])
+    >>> station
+    Station(station: part 20 x 10 mm, 1 defect; ceiling at 150 mm, stripes 4 + 12 mm; 400 x
+        200 pixels, 40 images)
+    >>> station.tunnel.height_mm, station.camera.pupil_mm
+    (150.0, 3.0)
     """
 
     part: Part = Part()
@@ -147,6 +157,21 @@ class Station(Section):
         ------
         StationError
             File missing, not TOML, unknown key or impossible value; one sentence for each.
+
+        Examples
+        --------
+        >>> from pathlib import Path
+        >>> file = Path("trim.toml")
+        >>> _ = file.write_text("tunnel.height_mm = 120.0")
+        >>> gpuspec.Station.read(file)
+        Station(trim.toml: part 200 x 50 mm, 0 defects; ceiling at 120 mm, stripes 4 + 12 mm;
+            4000 x 1000 pixels, 40 images)
+        >>> _ = file.write_text("tunnel.heigth_mm = 120.0")
+        >>> gpuspec.Station.read(file)
+        Traceback (most recent call last):
+            ...
+        gpuspec.errors.StationError: trim.toml: tunnel.heigth_mm is not a known key (did you
+            mean height_mm?).
         """
         if not isinstance(path, (str, Path)):
             raise StationError(
@@ -170,12 +195,29 @@ class Station(Section):
 
     @classmethod
     def parse(cls, text: str, file: str = "station", folder: str | Path = ".") -> Station:
-        """Build a station from TOML text; `file` names it in errors.
+        """Build a station from TOML text.
+
+        Parameters
+        ----------
+        text : str
+        file : str
+            Its name in errors.
+        folder : str or Path
+            Where files named in it are found.
 
         Raises
         ------
         StationError
             As :meth:`read`.
+
+        Examples
+        --------
+        >>> gpuspec.Station.parse("sensor.exposure = 6.0").sensor.exposure
+        6.0
+        >>> gpuspec.Station.parse("sensor.exposure = -1", "trim.toml")
+        Traceback (most recent call last):
+            ...
+        gpuspec.errors.StationError: trim.toml: sensor.exposure = -1 must be greater than 0.
         """
         try:
             data = tomllib.loads(text)
@@ -194,10 +236,25 @@ class Station(Section):
         A part with a measured relief and without ``length_mm`` or ``width_mm`` gets them from the
         map, if it can be read; whoever uses the map says why it cannot.
 
+        Parameters
+        ----------
+        data : dict
+            Sections, and lists of defects, populations and classes.
+        file : str
+            Its name in errors.
+        folder : str or Path
+            Where files named in it are found.
+
         Raises
         ------
         StationError
             As :meth:`read`.
+
+        Examples
+        --------
+        >>> station = gpuspec.Station.from_dict({"part": {"length_mm": 20.0, "width_mm": 10.0}})
+        >>> station.part.length_mm, station.part.crown_radius_x_mm
+        (20.0, None)
         """
         sides = _sides_of_map(data, Path(folder))
         try:
@@ -226,6 +283,22 @@ class Station(Section):
         ------
         StationError
             If the changed station is invalid.
+
+        Examples
+        --------
+        >>> station = gpuspec.example("trim")
+        >>> station.replace(sensor__exposure=6).sensor.exposure
+        6.0
+        >>> station.replace(**{"defects[1].depth_um": 3.0}).defects[0].depth_um
+        3.0
+        >>> changed = station.replace(tunnel={"luminous_mm": 1.0, "dark_mm": 3.0})
+        >>> changed.tunnel.period_mm, changed.tunnel.height_mm
+        (4.0, 300.0)
+        >>> station.replace(tunnel__dark=8)
+        Traceback (most recent call last):
+            ...
+        gpuspec.errors.StationError: trim.toml: tunnel.dark is not a known key (did you mean
+            dark_mm?).
         """
         data = self.as_dict()
         sides = {side: data["part"].pop(side) for side in self.sides_of_map}
@@ -296,7 +369,13 @@ class Station(Section):
     __str__ = __repr__
 
     def as_dict(self) -> dict[str, Any]:
-        """Return nested plain values, keys with value none left out, as TOML holds them."""
+        """Return nested plain values, keys with value none left out, as TOML holds them.
+
+        Examples
+        --------
+        >>> gpuspec.example("trim").as_dict()["sequence"]
+        {'images': 40, 'fusion': 'mean', 'lag': 1}
+        """
         return self.model_dump(exclude_none=True, mode="python")
 
     def locate(self, file: str) -> Path:
@@ -353,6 +432,16 @@ class Station(Section):
 
         When K images of step s cover j whole periods, the shifts modulo the period are
         K / gcd(j, K) equal steps: the closed form of the mean holds.
+
+        Examples
+        --------
+        >>> station = gpuspec.example("trim")  # 40 images over one period
+        >>> station.distinct_shifts
+        40
+        >>> station.replace(sequence__step_mm=0.4).distinct_shifts  # over two
+        20
+        >>> print(station.replace(sequence__step_mm=0.3).distinct_shifts)
+        None
         """
         images = self.sequence.images
         periods = images * self.step_mm / self.tunnel.period_mm

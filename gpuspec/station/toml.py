@@ -36,6 +36,16 @@ def to_toml(
     -------
     str
         ``Station.parse`` of it gives the station back.
+
+    Examples
+    --------
+    >>> station = gpuspec.Station(tunnel={"height_mm": 120.0})
+    >>> text = gpuspec.to_toml(station)
+    >>> text.splitlines()[1]
+    "length_mm = 200.0 # along x, the direction in which the light moves; not given beside a
+        relief: its map's"
+    >>> gpuspec.Station.parse(text).as_dict() == station.as_dict()
+    True
     """
     if absolute:
         anchored = {name: station.locate(name).resolve().as_posix() for name in station.files}
