@@ -20,7 +20,20 @@ _COARSE = 8  # pixels between two points, from which on it is said
 
 
 def check_pitch(station: Station, measured: Measured, says: str) -> None:
-    """Refuse a map of which the part sees next to nothing: its unit is another."""
+    """Refuse a map of which the part sees next to nothing: its unit is another.
+
+    Parameters
+    ----------
+    station : Station
+    measured : Measured
+    says : str
+        File and key, to begin the message with.
+
+    Raises
+    ------
+    TopographyError
+        If the part covers fewer than ``SIDE_MIN`` points of the map along a side.
+    """
     part = station.part.length_mm, station.part.width_mm
     if any(side < SIDE_MIN * p for side, p in zip(part, measured.pitch_mm, strict=True)):
         size, pitch = (
@@ -36,7 +49,25 @@ def check_pitch(station: Station, measured: Measured, says: str) -> None:
 def check_relief(
     relief: Heights, measured: Measured, says: str, key: str, corner: tuple[float, float]
 ) -> None:
-    """Refuse relief that is no mirror's, or that single precision cannot hold."""
+    """Refuse relief that is no mirror's, or that single precision cannot hold.
+
+    Parameters
+    ----------
+    relief : ndarray of float64, shape (ny, nx)
+        Without its form, mm.
+    measured : Measured
+    says : str
+        File and key, to begin the message with.
+    key : str
+        Of the map in the station, e.g. ``part.relief``.
+    corner : tuple of float
+        x and y of its first point on the part, mm.
+
+    Raises
+    ------
+    TopographyError
+        If it is too steep, or too high for its pitch.
+    """
     pitch = measured.pitch_mm
     slope = _rms_slope(relief, pitch)
     highest = float(np.abs(relief).max())
@@ -82,7 +113,31 @@ def _outliers(measured: Measured, key: str, corner: tuple[float, float]) -> str 
 def without_outliers(
     measured: Measured, limit_um: float, says: str, key: str, corner: tuple[float, float]
 ) -> tuple[Mask, list[str]]:
-    """Return the points that are kept, and what is said of the others."""
+    """Return the points that are kept, and what is said of the others.
+
+    Parameters
+    ----------
+    measured : Measured
+    limit_um : float
+        How far a point may stand out of its surroundings, µm.
+    says : str
+        File and key, to begin the message with.
+    key : str
+        Of the map in the station, e.g. ``part.relief``.
+    corner : tuple of float
+        x and y of its first point on the part, mm.
+
+    Returns
+    -------
+    defined : ndarray of bool, shape (ny, nx)
+        Points that are kept.
+    said : list of str
+
+    Raises
+    ------
+    TopographyError
+        If fewer than half of the points are left.
+    """
     away = standing_out(measured.heights_mm, measured.defined)
     out = away > limit_um * MICRO
     count = np.count_nonzero(out)
@@ -109,7 +164,21 @@ def without_outliers(
 def remarks(
     station: Station, measured: Measured, key: str, corner: tuple[float, float]
 ) -> list[str]:
-    """Say what of a map is missing, and what of it the part and the camera do not take."""
+    """Say what of a map is missing, and what of it the part and the camera do not take.
+
+    Parameters
+    ----------
+    station : Station
+    measured : Measured
+    key : str
+        Of the map in the station, e.g. ``part.relief``.
+    corner : tuple of float
+        x and y of its first point on the part, mm.
+
+    Returns
+    -------
+    list of str
+    """
     said = []
     pitch, size = measured.pitch_mm, measured.size_mm
     missing = ~measured.defined
@@ -166,6 +235,15 @@ def steepness(
         Without its form and before any smoothing, mm.
     defined : ndarray of bool, shape (ny, nx)
         Points that were measured and are kept.
+    measured : Measured
+    key : str
+        Of the map in the station, e.g. ``part.relief``.
+    corner : tuple of float
+        x and y of its first point on the part, mm.
+
+    Returns
+    -------
+    list of str
     """
     along, down = (
         np.abs(np.diff(relief, axis=axis)) / p

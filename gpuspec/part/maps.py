@@ -80,7 +80,19 @@ class TopographyMap:
         return NdBSpline((along_y.t, along_x.t), np.ascontiguousarray(along_x.c.T), 3)
 
     def position(self, x_mm: Heights, y_mm: Heights) -> tuple[Heights, Heights, Mask]:
-        """Return row and column in points, and where these are on the map."""
+        """Return row and column in points, and where these are on the map.
+
+        Parameters
+        ----------
+        x_mm, y_mm : ndarray
+            Points of the part, of one shape.
+
+        Returns
+        -------
+        row, column : ndarray of float64
+        on : ndarray of bool
+            Whether they are on the map, all of the shape of `x_mm`.
+        """
         column = (np.asarray(x_mm, np.float64) - self.corner_mm[0]) / self.pitch_mm[0]
         row = (np.asarray(y_mm, np.float64) - self.corner_mm[1]) / self.pitch_mm[1]
         ny, nx = self.heights_mm.shape

@@ -56,6 +56,13 @@ def place(station: Station, progress: Progress | None = None) -> tuple[Defect, .
     ------
     StationError
         If a population cannot fit.
+
+    Examples
+    --------
+    >>> from gpuspec.part.placement import place
+    >>> defects = place(gpuspec.example("trim"))
+    >>> len(defects), defects[0].kind, round(defects[0].diameter_mm, 2)
+    (36, 'dent', 0.8)
     """
     placed: list[Defect] = list(station.defects)
     taken = _Chains.of(placed).by_size()
@@ -76,7 +83,19 @@ def _count(population: Population, area_mm2: float) -> int:
 
 
 def draw(distribution: Distribution, uniform: Array) -> Array:
-    """Map uniform numbers in [0, 1) to a distribution by its quantile function."""
+    """Map uniform numbers in [0, 1) to a distribution by its quantile function.
+
+    Parameters
+    ----------
+    distribution : Distribution
+    uniform : ndarray of float64
+        In [0, 1).
+
+    Returns
+    -------
+    ndarray of float64, of the same shape
+        In the distribution's unit.
+    """
     low, high = distribution.low, distribution.high
     if distribution.median is None or distribution.spread is None:
         return low + (high - low) * uniform

@@ -45,6 +45,13 @@ class Relief:
             If a population does not fit.
         TopographyError
             If a topography cannot be read.
+
+        Examples
+        --------
+        >>> from gpuspec.part.relief import Relief
+        >>> relief = Relief.of(gpuspec.example("trim"))
+        >>> len(relief.defects), len(relief.grooves)
+        (36, 47)
         """
         defects = place(station, progress)
         return cls(defects, Grooves.of(defects), read_maps(station))

@@ -51,7 +51,14 @@ class KnownDefect:
 
 @dataclass(frozen=True)
 class Truth:
-    """Zones as a label image: 0 flawless, i the i-th of ``defects``; shape (M, N), int32."""
+    """Zones as a label image, and whose they are.
+
+    Attributes
+    ----------
+    labels : ndarray of int32, shape (M, N)
+        0 flawless, i the i-th of `defects`.
+    defects : tuple of KnownDefect
+    """
 
     labels: NDArray[np.int32]
     defects: tuple[KnownDefect, ...]
@@ -66,6 +73,21 @@ class Truth:
         A pixel belongs to a defect if the point of the surface behind its centre is within
         2 sigma of the defect's centre or centre line; to the relatively nearest where zones
         overlap. It is the same for every backend.
+
+        Parameters
+        ----------
+        station : Station
+        relief : Relief
+            Of that station.
+
+        Examples
+        --------
+        >>> from gpuspec.part.relief import Relief
+        >>> from gpuspec.part.truth import Truth
+        >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.2)
+        >>> truth = Truth.of(station, Relief.of(station))
+        >>> truth
+        Truth(36 defects; labels (250, 1000) int32)
         """
         labels = np.zeros(station.shape, np.int32)
         nearest = np.ones(station.shape, np.float32)

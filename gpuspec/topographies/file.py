@@ -151,6 +151,15 @@ def size_mm(
     ------
     TopographyError
         As :func:`read_topography`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from gpuspec.station.defects import Topography
+    >>> from gpuspec.topographies.file import size_mm
+    >>> np.save("heights.npy", np.zeros((480, 640)))
+    >>> size_mm(Topography(file="heights.npy", height_unit="um", pitch_um=3.5), Path("heights.npy"))
+    (2.24, 1.68)
     """
     state = path.stat() if path.is_file() else None
     changed = (state.st_mtime_ns, state.st_size) if state else None

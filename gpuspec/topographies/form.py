@@ -142,9 +142,17 @@ def standing_out(heights: Heights, defined: Mask) -> Heights:
     A spike stands out by its whole height, an edge or a tilt by next to nothing. Missing points are
     filled first, and stand out by nothing.
 
+    Parameters
+    ----------
+    heights : ndarray of float64, shape (ny, nx)
+        Heights in mm.
+    defined : ndarray of bool, shape (ny, nx)
+        Points that were measured.
+
     Returns
     -------
     ndarray of float64, shape (ny, nx)
+        In mm; 0 where missing.
     """
     whole = filled(heights, defined)
     away = np.abs(whole - ndimage.median_filter(whole, AROUND, mode="nearest"))

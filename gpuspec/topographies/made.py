@@ -32,7 +32,15 @@ class Surface:
 
 
 def is_made(name: str, path: Path) -> bool:
-    """Whether a file named in a station, to be found at `path`, is a surface that is made."""
+    """Whether a file named in a station, to be found at `path`, is a surface that is made.
+
+    Parameters
+    ----------
+    name : str
+        As the station names it.
+    path : Path
+        Where such a file would be.
+    """
     return name in SURFACES and not path.is_file()
 
 
