@@ -18,7 +18,17 @@ Settings = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class DeviceInfo:
-    """Where images are made; recorded with every output."""
+    """Where images are made; recorded with every output.
+
+    Attributes
+    ----------
+    backend : str
+        One of ``BACKENDS``.
+    device, driver : str
+        As the driver names them.
+    version : str
+        Of the driver, or of the library.
+    """
 
     backend: str
     device: str
@@ -73,11 +83,27 @@ class Backend(ABC):
         station : Station
         relief : Relief, optional
             The station's relief if already resolved.
+
+        Examples
+        --------
+        >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.5)
+        >>> light_map = gpuspec.open_backend("numpy").trace(station)
+        >>> light_map.aspect().shape
+        (100, 400)
         """
 
 
 def chosen(backend: str, names: Sequence[str], wanted: str | None) -> int:
-    """Return the number of the device asked for, by number or part of its name; None: the first.
+    """Return the number of the device asked for.
+
+    Parameters
+    ----------
+    backend : str
+        Its name, for the message.
+    names : sequence of str
+        Of its devices, in their order.
+    wanted : str or None
+        A number, or part of a name; None: the first.
 
     Raises
     ------
@@ -95,7 +121,16 @@ def chosen(backend: str, names: Sequence[str], wanted: str | None) -> int:
 
 
 def failure(info: DeviceInfo, reason: object, *, memory: bool = False) -> BackendError:
-    """Return what to say of a device that failed, where its driver only has a code."""
+    """Return what to say of a device that failed, where its driver only has a code.
+
+    Parameters
+    ----------
+    info : DeviceInfo
+    reason : object
+        What the driver says.
+    memory : bool
+        Whether its memory is what is missing.
+    """
     if memory:
         return BackendError(
             f"{info.backend}: {info.device} is out of memory ({reason}); use a larger "

@@ -39,7 +39,16 @@ _TIMES = 7
 
 
 def best(run: Run, times: int = _TIMES, seconds: float = _SECONDS) -> float:
-    """Return the shortest of some runs in seconds, after one to warm up."""
+    """Return the shortest of some runs in seconds, after one to warm up.
+
+    Parameters
+    ----------
+    run : callable
+    times : int
+        Runs at most.
+    seconds : float
+        After which no further run begins.
+    """
     run()
     spans: list[float] = []
     while len(spans) < times and sum(spans) < seconds:
@@ -83,7 +92,14 @@ def measured(backend: Backend) -> dict[str, float]:
 
 
 def steps(backend: Backend, light_map: LightMap) -> Steps:
-    """Return how a backend does each step, without bringing anything home."""
+    """Return how a backend does each step, without bringing anything home.
+
+    Parameters
+    ----------
+    backend : Backend
+    light_map : LightMap
+        Traced by it.
+    """
     return _STEPS[backend.info.backend](backend, light_map)
 
 

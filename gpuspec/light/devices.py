@@ -46,6 +46,17 @@ def open_backend(
     ------
     BackendError
         If it is absent, with the reason and what to install, or does not compute.
+
+    Examples
+    --------
+    >>> backend = gpuspec.open_backend("numpy")
+    >>> backend.info.backend
+    'numpy'
+    >>> gpuspec.open_backend("cuda")
+    Traceback (most recent call last):
+        ...
+    gpuspec.errors.BackendError: backend 'cuda' is not known; choose one of auto, opencl,
+        opengl, vulkan, numpy.
     """
     left: list[str] = []
     absent: list[str] = []
@@ -89,6 +100,13 @@ def _first(name: str, left: list[str]) -> Backend:
 
 def proven(name: str, device: str | None) -> Backend:
     """Open a device and see that it computes.
+
+    Parameters
+    ----------
+    name : str
+        One of ``BACKENDS``.
+    device : str or None
+        Part of the device's name, or its number; None: the first.
 
     Raises
     ------

@@ -30,7 +30,17 @@ _REACH = 8.0  # sigmas
 
 @dataclass
 class Surface:
-    """Height, slopes and second derivatives of the part at points (mm, 1, 1/mm)."""
+    """The part's surface at points.
+
+    Attributes
+    ----------
+    z : ndarray
+        Height, mm.
+    zx, zy : ndarray
+        Slopes.
+    zxx, zxy, zyy : ndarray
+        Second derivatives, 1/mm. All of the shape of the points.
+    """
 
     z: Array
     zx: Array
@@ -40,7 +50,15 @@ class Surface:
     zyy: Array
 
     def add(self, where: Any, *terms: Array) -> None:
-        """Add terms (z, zx, zy, zxx, zxy, zyy) at some points."""
+        """Add terms (z, zx, zy, zxx, zxy, zyy) at some points.
+
+        Parameters
+        ----------
+        where : index
+            Of the points, as NumPy takes it.
+        *terms : ndarray
+            z, zx, zy, zxx, zxy and zyy, of the shape of the points.
+        """
         for field, term in zip((self.z, self.zx, self.zy, self.zxx, self.zxy, self.zyy), terms,
                                strict=True):  # fmt: skip
             field[where] += term
@@ -63,7 +81,13 @@ class Part:
         self.maps = relief.maps
 
     def at(self, x: Array, y: Array) -> Surface:
-        """Return the surface at points (x, y) in mm."""
+        """Return the surface at points.
+
+        Parameters
+        ----------
+        x, y : ndarray
+            In mm, of one shape.
+        """
         shape = self.shape
         s = Surface(shape.height(x, y), *shape.slope(x, y), *shape.curvature(x, y))
         for low, high, groove in self._near(x, y):
@@ -89,7 +113,20 @@ class Part:
 
 
 def gaussian_groove(groove: Grooves, x: Array, y: Array) -> tuple[Array, ...]:
-    """Return z, zx, zy, zxx, zxy, zyy of one defect's groove at points."""
+    """Return z, zx, zy, zxx, zxy, zyy of one defect's groove at points.
+
+    Parameters
+    ----------
+    groove : Grooves
+        The pieces of one defect.
+    x, y : ndarray, shape (n,)
+        In mm.
+
+    Returns
+    -------
+    tuple of ndarray of float64, shape (n,)
+        In mm, 1 and 1/mm.
+    """
     best = np.full(x.shape, np.inf)
     vx, vy, ux, uy = (np.zeros_like(x) for _ in range(4))
     for ax, ay, bx, by in groove.ends:
@@ -117,7 +154,21 @@ def gaussian_groove(groove: Grooves, x: Array, y: Array) -> tuple[Array, ...]:
 
 
 def meet(part: Part, station: Station, x0: Array, y0: Array) -> tuple[Array, Surface]:
-    """Return the height at which the rays through (x0, y0, 0) meet the part, and its surface."""
+    """Return the height at which the rays through (x0, y0, 0) meet the part, and its surface.
+
+    Parameters
+    ----------
+    part : Part
+    station : Station
+    x0, y0 : ndarray
+        In mm, of one shape.
+
+    Returns
+    -------
+    z : ndarray of float64
+        In mm, of the same shape.
+    surface : Surface
+    """
     h = station.camera.height_mm
     z = np.zeros_like(x0)
     if station.part.surface == "orientation":
@@ -134,7 +185,22 @@ def _dot(a: Array, b: Array) -> Array:
 
 
 def hit_tunnel(station: Station, origin: Array, ray: Array) -> tuple[Array, Array]:
-    """Return path t and the tunnel's normal (3, ...) where rays going up meet it."""
+    """Return path t and the tunnel's normal (3, ...) where rays going up meet it.
+
+    Parameters
+    ----------
+    station : Station
+    origin : ndarray, shape (3, ...)
+        Points of the part, mm.
+    ray : ndarray, shape (3, ...)
+        Unit vectors.
+
+    Returns
+    -------
+    t : ndarray
+        In mm.
+    normal : ndarray, shape (3, ...)
+    """
     tunnel = station.tunnel
     if tunnel.section == "arch":
         radius = tunnel.top_mm
@@ -157,7 +223,29 @@ def hit_tunnel(station: Station, origin: Array, ray: Array) -> tuple[Array, Arra
 
 
 def fresnel_reflectance(cosine: Array, n: float, k: float) -> Array:
-    """Return the unpolarised reflectance of a medium n - ik, from the complex amplitudes."""
+    """Return the unpolarised reflectance of a medium n - ik, from the complex amplitudes.
+
+    M. Born, E. Wolf, Principles of Optics, 14.2.
+
+    Parameters
+    ----------
+    cosine : ndarray
+        Of the angle of incidence.
+    n, k : float
+        Refractive index and extinction coefficient; both 0: a perfect mirror.
+
+    Returns
+    -------
+    ndarray of float64, of the shape of `cosine`
+        From 0 to 1.
+
+    Examples
+    --------
+    >>> from gpuspec.light.float64 import fresnel_reflectance
+    >>> cosine = np.array([1.0, 0.5])  # of 0 and 60 degrees, on glass
+    >>> fresnel_reflectance(cosine, 1.5, 0.0).round(3).tolist()
+    [0.04, 0.089]
+    """
     if n == k == 0:
         return np.ones_like(cosine)
     index = n - 1j * k
@@ -170,7 +258,19 @@ def fresnel_reflectance(cosine: Array, n: float, k: float) -> Array:
 
 @dataclass(frozen=True)
 class Paths:
-    """Rays followed: points on the surface and on the tunnel, (n, 3) mm, and why none is seen."""
+    """Rays followed to the tunnel.
+
+    Attributes
+    ----------
+    surface, light : ndarray, shape (..., 3)
+        Points on the surface and on the tunnel, mm.
+    lost : ndarray of uint8
+        Why none is seen, index into ``LOST``.
+    footprint : ndarray
+        On the light, mm; 1 where lost.
+    irradiance : ndarray
+        Relative; 0 where lost.
+    """
 
     surface: Array
     light: Array
@@ -198,7 +298,17 @@ def ray_paths(station: Station, relief: Relief, x_mm: Any, y_mm: Any) -> Paths:
 
 
 def follow(part: Part, station: Station, x0: Array, y0: Array) -> Paths:
-    """Follow camera rays through (x0, y0, 0), in mm, broadcast together; see :func:`ray_paths`."""
+    """Follow camera rays to the light; see :func:`ray_paths`.
+
+    The footprint is from ray differentials: H. Igehy, Tracing ray differentials, SIGGRAPH 1999.
+
+    Parameters
+    ----------
+    part : Part
+    station : Station
+    x0, y0 : ndarray
+        Where the rays meet the plane z = 0, mm, of shapes that broadcast.
+    """
     camera, tunnel = station.camera, station.tunnel
     h, p = camera.height_mm, camera.sampling_mm / camera.subsampling
     x0, y0 = np.broadcast_arrays(x0, y0)
@@ -255,7 +365,19 @@ def follow(part: Part, station: Station, x0: Array, y0: Array) -> Paths:
 
 
 def trapezoid(light: Array, footprint: Array, station: Station) -> tuple[Array, ...]:
-    """Return centre, reach, low, high (periods), base and slope of the lit fraction."""
+    """Return centre, reach, low, high (periods), base and slope of the lit fraction.
+
+    Parameters
+    ----------
+    light, footprint : ndarray
+        Light coordinate and footprint in mm, of one shape.
+    station : Station
+        Its stripes are used.
+
+    Returns
+    -------
+    centre, reach, low, high, base, slope : ndarray, of the same shape
+    """
     period = station.tunnel.period_mm
     a = station.tunnel.luminous_mm / period
     light, footprint = light / period, footprint / period
@@ -272,7 +394,30 @@ def trapezoid(light: Array, footprint: Array, station: Station) -> tuple[Array, 
 
 
 def lit_fraction(light: Array, footprint: Array, shift_mm: float, station: Station) -> Array:
-    """Return the luminous share of the footprint, by the integral of the stripes."""
+    """Return the luminous share of the footprint, by the integral of the stripes.
+
+    Parameters
+    ----------
+    light, footprint : ndarray
+        Light coordinate and footprint in mm, of one shape.
+    shift_mm : float
+        Of the tunnel.
+    station : Station
+        Its stripes are used.
+
+    Returns
+    -------
+    ndarray of float64, of the same shape
+        From 0 to 1.
+
+    Examples
+    --------
+    >>> from gpuspec.light.float64 import lit_fraction
+    >>> station = gpuspec.Station(tunnel={"luminous_mm": 4.0, "dark_mm": 12.0})
+    >>> light = np.array([2.0, 4.0, 8.0])  # in the stripe, on its edge, in the dark
+    >>> lit_fraction(light, np.full(3, 1.0), 0.0, station).tolist()
+    [1.0, 0.5, 0.0]
+    """
     a, period = station.tunnel.luminous_mm, station.tunnel.period_mm
 
     def luminous_up_to(u: Array) -> Array:
@@ -286,7 +431,20 @@ def lit_fraction(light: Array, footprint: Array, shift_mm: float, station: Stati
 
 
 def mean_over_scan(light: Array, footprint: Array, irradiance: Array, station: Station) -> Array:
-    """Return the mean of min(E, 1) over a whole period in equal steps, in closed form."""
+    """Return the mean of min(E, 1) over a whole period in equal steps, in closed form.
+
+    Parameters
+    ----------
+    light, footprint, irradiance : ndarray
+        Light coordinate and footprint in mm, and relative irradiance, of one shape.
+    station : Station
+        Its shifts fill whole periods in equal steps.
+
+    Returns
+    -------
+    ndarray of float64, of the same shape
+        From 0 to 1, full scale.
+    """
     centre, reach, low, high, base, slope = trapezoid(light, footprint, station)
     gain, leak = station.sensor.exposure * irradiance, station.tunnel.dark_leak
     base, slope = gain * (leak + (1 - leak) * base), gain * (1 - leak) * slope
@@ -307,7 +465,22 @@ def mean_over_scan(light: Array, footprint: Array, irradiance: Array, station: S
 
 
 def random_words(column: Any, row: Any, image: int, seed: int) -> Words:
-    """Return pcg4d's four words for counters, as `kernels/sensor.h` does."""
+    """Return pcg4d's four words for counters, as `kernels/sensor.h` does.
+
+    M. Jarzynski, M. Olano, Hash functions for GPU rendering, JCGT 9(3), 2020.
+
+    Parameters
+    ----------
+    column, row : int or ndarray
+        Of the pixels, of shapes that broadcast.
+    image : int
+        Number of the image.
+    seed : int
+
+    Returns
+    -------
+    tuple of four ndarray of uint32, of their common shape
+    """
     shape = np.broadcast_shapes(np.shape(column), np.shape(row))
     counters = (column, row, image, seed)
     a, b, c, d = (np.broadcast_to(np.asarray(v, np.uint32), shape).copy() for v in counters)
@@ -332,14 +505,38 @@ def uniform_number(word: NDArray[np.uint32]) -> Array:
 
 
 def normal_numbers(word: NDArray[np.uint32], other: NDArray[np.uint32]) -> tuple[Array, Array]:
-    """Return two standard normal numbers from two words."""
+    """Return two standard normal numbers from two words (Box and Muller, 1958).
+
+    Parameters
+    ----------
+    word, other : ndarray of uint32
+        Independent, of one shape.
+
+    Returns
+    -------
+    tuple of two ndarray of float64, of the same shape
+    """
     radius = np.sqrt(-2 * np.log(uniform_number(word)))
     angle = 2 * np.pi * uniform_number(other)
     return radius * np.cos(angle), radius * np.sin(angle)
 
 
 def poisson_number(mu: Array, uniform: Array, normal: Array) -> Array:
-    """Return Poisson numbers: exact below ``POISSON_EXACT``, Gaussian and rounded above."""
+    """Return Poisson numbers: exact below ``POISSON_EXACT``, Gaussian and rounded above.
+
+    Exact by inversion of the distribution function, with ``POISSON_TERMS`` terms.
+
+    Parameters
+    ----------
+    mu : ndarray
+        Mean.
+    uniform, normal : ndarray
+        Independent random numbers, uniform in (0, 1) and standard normal, of the shape of `mu`.
+
+    Returns
+    -------
+    ndarray of float64, of the same shape
+    """
     # Rounding adds a variance of 1/12.
     many = np.maximum(np.floor(mu + np.sqrt(np.maximum(mu - 1 / 12, 0)) * normal + 0.5), 0)
     few = mu < POISSON_EXACT
@@ -354,7 +551,24 @@ def poisson_number(mu: Array, uniform: Array, normal: Array) -> Array:
 
 
 def grey_level(signal: Array, station: Station, k: int, column: Any, row: Any) -> Array:
-    """Return the grey level, in DN, of a signal E in image k at pixels (column, row)."""
+    """Return the grey level of a signal E in image k, in the words of EMVA 1288.
+
+    Parameters
+    ----------
+    signal : ndarray
+        Irradiance times exposure; 1 saturates.
+    station : Station
+        Its sensor is used.
+    k : int
+        Number of the image.
+    column, row : int or ndarray
+        Of the pixels, of the shape of `signal`.
+
+    Returns
+    -------
+    ndarray of float64, of the shape of `signal`
+        In DN.
+    """
     sensor = station.sensor
     if not sensor.noise:
         return sensor.full_scale_dn * np.minimum(signal, 1)

@@ -40,6 +40,12 @@ def thresholds(full_scale_dn: float) -> NDArray[np.float32]:
     ndarray of float32, shape (256,)
         In DN. A float32 pixel is above the i-th if, and only if, its level is above i: each is the
         largest number whose product with `levels_per_dn`, rounded to float32, is not above i.
+
+    Examples
+    --------
+    >>> from gpuspec.light.levels import thresholds
+    >>> thresholds(255.0)[[0, 1, 255]].tolist()
+    [0.0, 1.0, 255.0]
     """
     scale = levels_per_dn(full_scale_dn)
     level = np.arange(LEVELS, dtype=np.float32)
@@ -73,7 +79,17 @@ class Zones:
 
     @classmethod
     def of(cls, truth: LabelImage, valid: Mask, defects: int) -> Zones:
-        """Collect them from the zones as a label image, see :class:`gpuspec.part.truth.Truth`."""
+        """Collect them from the zones as a label image.
+
+        Parameters
+        ----------
+        truth : ndarray of int32, shape (M, N)
+            See :class:`gpuspec.part.truth.Truth`.
+        valid : ndarray of bool, shape (M, N)
+            Pixels on the part.
+        defects : int
+            Number of zones, of which some may have no pixel.
+        """
         inside = np.flatnonzero((truth != 0) & valid).astype(np.uint32)
         owner = truth.flat[inside]
         order = np.argsort(owner, kind="stable")
@@ -144,13 +160,29 @@ class Levels:
 
     @classmethod
     def empty(cls, designs: int, defects: int) -> Levels:
-        """Return zeros."""
+        """Return zeros.
+
+        Parameters
+        ----------
+        designs : int
+            D.
+        defects : int
+            Number of zones.
+        """
         inside, outside, sampled = (np.zeros((designs, LEVELS), np.int64) for _ in range(3))
         peaks = np.zeros((designs, defects), np.int64)
         return cls(inside, outside, sampled, peaks, np.zeros(designs, np.int64))
 
     def put(self, where: NDArray[np.intp], other: Levels) -> None:
-        """Write the counts of some designs into their places."""
+        """Write the counts of some designs into their places.
+
+        Parameters
+        ----------
+        where : ndarray of intp, shape (d,)
+            Their numbers among the D.
+        other : Levels
+            Of these d designs.
+        """
         for own, more in (
             (self.inside, other.inside), (self.outside, other.outside),
             (self.sampled, other.sampled), (self.peaks, other.peaks),

@@ -56,6 +56,14 @@ class LightMap(ABC):
 
     Every method takes a station of the same geometry, or the traced one if None. Another geometry
     is refused with a StationError.
+
+    Examples
+    --------
+    >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.5)
+    >>> light_map = gpuspec.open_backend().trace(station)
+    >>> darker = station.replace(sensor__exposure=2)  # another design of the same geometry
+    >>> [f"{np.median(light_map.aspect(s)):.1f} DN" for s in (station, darker)]
+    ['92.4 DN', '82.8 DN']
     """
 
     station: Station
@@ -121,6 +129,12 @@ class LightMap(ABC):
     def image_number(self, k: int, station: Station) -> int:
         """Return k, checked to be one of the sequence's images.
 
+        Parameters
+        ----------
+        k : int
+        station : Station
+            Its sequence is meant.
+
         Raises
         ------
         StationError
@@ -140,20 +154,62 @@ class LightMap(ABC):
 
     @abstractmethod
     def read(self) -> LightMapArrays:
-        """Bring the light map home."""
+        """Bring the light map home.
+
+        Examples
+        --------
+        >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.5)
+        >>> arrays = gpuspec.open_backend().trace(station).read()
+        >>> arrays.light_mm.shape, f"{np.median(arrays.footprint_mm):.2f} mm"
+        ((1, 100, 400), '1.19 mm')
+        """
 
     @abstractmethod
     def lost(self) -> NDArray[np.uint8]:
-        """Return why each pixel sees no light: indices into ``LOST``, shape (M, N)."""
+        """Return why each pixel sees no light: indices into ``LOST``, shape (M, N).
+
+        Examples
+        --------
+        >>> from gpuspec.arrays import LOST
+        >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.5)
+        >>> lost = gpuspec.open_backend().trace(station.replace(tunnel__length_mm=200.0)).lost()
+        >>> {LOST[code]: int(count) for code, count in enumerate(np.bincount(lost.flat)) if count}
+        {'seen': 29002, "past the tunnel's end": 10998}
+        """
 
     @abstractmethod
     def image(self, k: int, station: Station | None = None) -> Image:
-        """Return image k of the sequence, from 0, in DN, shape (M, N).
+        """Return one image of the sequence.
+
+        Parameters
+        ----------
+        k : int
+            From 0.
+        station : Station, optional
+            Another design of the traced geometry; None: the traced one.
+
+        Returns
+        -------
+        ndarray of float32, shape (M, N)
+            In DN.
 
         Raises
         ------
         StationError
             If there is no such image, or the station has another geometry.
+
+        Examples
+        --------
+        >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.5)
+        >>> light_map = gpuspec.open_backend().trace(station)
+        >>> image = light_map.image(0)
+        >>> image.shape, float(image.min()), float(image.max())
+        ((100, 400), 0.0, 255.0)
+        >>> light_map.image(40)
+        Traceback (most recent call last):
+            ...
+        gpuspec.errors.StationError: trim.toml: there is no image 40; sequence.images = 40,
+            numbered 0 to 39.
         """
 
     @abstractmethod
@@ -162,7 +218,15 @@ class LightMap(ABC):
 
     @abstractmethod
     def fuse(self, station: Station | None = None) -> dict[str, Image]:
-        """Return every fusion of ``FUSIONS`` in DN, each (M, N), without holding the sequence."""
+        """Return every fusion of ``FUSIONS`` in DN, each (M, N), without holding the sequence.
+
+        Examples
+        --------
+        >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.5)
+        >>> fused = gpuspec.open_backend().trace(station).fuse()
+        >>> sorted(fused)
+        ['differential', 'max', 'mean', 'min', 'std']
+        """
 
     @abstractmethod
     def closed_form(self, station: Station | None = None) -> Image:
@@ -185,6 +249,13 @@ class LightMap(ABC):
 
         That is the closed form of the mean where the model allows it (`has_closed_form`), else
         the images one by one.
+
+        Examples
+        --------
+        >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.5)
+        >>> aspect = gpuspec.open_backend().trace(station).aspect()
+        >>> aspect.shape, f"{np.median(aspect):.1f} DN"
+        ((100, 400), '92.4 DN')
         """
         station = self.lit_by(station)
         if self.pattern is None and has_closed_form(station):
@@ -232,6 +303,13 @@ def has_closed_form(station: Station) -> bool:
     """Whether a station's aspect image has a closed form.
 
     A mean does over whole periods in equal steps, without noise, with one footprint per pixel.
+
+    Examples
+    --------
+    >>> from gpuspec.light.light_map import has_closed_form
+    >>> station = gpuspec.example("trim")
+    >>> has_closed_form(station), has_closed_form(station.replace(sensor__noise=True))
+    (True, False)
     """
     return (
         station.sequence.fusion == "mean"

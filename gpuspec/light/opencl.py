@@ -172,6 +172,13 @@ class OpenCLBackend(Backend):
     def kernel(self, file: str, name: str) -> Any:
         """Return a kernel of `kernels/`, built when first asked for.
 
+        Parameters
+        ----------
+        file : str
+            In `kernels/`.
+        name : str
+            Of the kernel in it.
+
         Raises
         ------
         BackendError
@@ -317,7 +324,19 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
         self._copy_home(out, grey)
 
     def enqueue(self, tile: PlanarTile, what: str, design: Any, k: int, grey: Any) -> None:
-        """Start a kernel on a tile; its planes go to the buffer `grey`."""
+        """Start a kernel on a tile; its planes go to the buffer `grey`.
+
+        Parameters
+        ----------
+        tile : PlanarTile
+        what : str
+            See :meth:`TiledLightMap.run_tile`.
+        design : Buffer
+            The struct ``Design``.
+        k : int
+            Number of the image.
+        grey : Buffer
+        """
         self._enqueue(tile, what, design, k, grey, slice(0, tile.rows))
 
     def _enqueue(

@@ -141,6 +141,15 @@ class OpenGLBackend(Backend):
     def program(self, file: str, *defines: str, pattern: Pattern | None = None) -> tuple[Any, Any]:
         """Return a program of a fragment shader of `shaders/` and its vertex array.
 
+        Parameters
+        ----------
+        file : str
+            In `shaders/`.
+        *defines : str
+            Words to define, e.g. ``"NOISE"`` or ``"SUB_RAYS 4"``.
+        pattern : Pattern, optional
+            Put in where the shader leaves room for one.
+
         Raises
         ------
         BackendError
@@ -153,7 +162,20 @@ class OpenGLBackend(Backend):
         return self._programs[key]
 
     def build(self, text: str, names: tuple[str, ...]) -> tuple[Any, Any]:
-        """Build a program of a fragment shader's text; `names` are its files by number."""
+        """Build a program of a fragment shader's text.
+
+        Parameters
+        ----------
+        text : str
+            As :func:`gpuspec.light.sources.shader_source` returns it.
+        names : tuple of str
+            Its files by their number.
+
+        Raises
+        ------
+        BackendError
+            If it does not build, with the compiler's log, file and line kept.
+        """
         vertex, _ = shader_source("fullscreen.vert", 330)
         with self._current():
             try:
@@ -166,11 +188,27 @@ class OpenGLBackend(Backend):
             return program, self.context.vertex_array(program, [])
 
     def target(self, size: tuple[int, int], components: int, dtype: str = "f4") -> Any:
-        """Reserve a texture on the device."""
+        """Reserve a texture on the device.
+
+        Parameters
+        ----------
+        size : tuple of int
+            Columns and rows.
+        components : int
+            1 to 4 a pixel.
+        dtype : str
+            As moderngl names it.
+        """
         return self.context.texture(size, components, dtype=dtype)
 
     def listed(self, values: NDArray[Any]) -> Any:
-        """Copy rows of an array to a texture, ``LIST_WIDTH`` a line."""
+        """Copy rows of an array to a texture, ``LIST_WIDTH`` a line.
+
+        Raises
+        ------
+        BackendError
+            If they do not fit a texture.
+        """
         length = -(-max(len(values), 1) // LIST_WIDTH)
         if max(length, LIST_WIDTH) > self.texture_size:
             raise BackendError(
@@ -349,7 +387,18 @@ class OpenGLLightMap(ShaderLightMap[_Tile]):
             self._copy_home(plane, texture)
 
     def draw(self, tile: _Tile, what: str, station: Station, k: int, targets: list[Any]) -> None:
-        """Start a shader on a tile; its planes go to the targets."""
+        """Start a shader on a tile; its planes go to the targets.
+
+        Parameters
+        ----------
+        tile : Tile
+        what : str
+            See :meth:`TiledLightMap.run_tile`.
+        station : Station
+        k : int
+            Number of the image.
+        targets : list of Texture
+        """
         block = design_block(station)
         if self.pattern:
             block = np.concatenate([block, self._geometry])

@@ -34,6 +34,12 @@ class Pattern:
         Named in the compiler's messages.
     kind : str
         Which of the two it defines.
+
+    Examples
+    --------
+    >>> pattern = gpuspec.Pattern.read("sinusoidal")
+    >>> pattern.kind, pattern.lines
+    ('pattern', 8)
     """
 
     text: str
@@ -58,6 +64,16 @@ class Pattern:
         ------
         PatternError
             If it is not there, not text, or defines neither function or both.
+
+        Examples
+        --------
+        >>> gpuspec.Pattern.read("binary").file
+        'binary.glsl'
+        >>> gpuspec.Pattern.read("fringe")
+        Traceback (most recent call last):
+            ...
+        gpuspec.errors.PatternError: fringe: no such pattern; give a .glsl file or one of
+            binary, checkerboard, sinusoidal, warped.
         """
         path = Path(path)
         if not path.exists() and str(path) in shipped():
@@ -77,13 +93,31 @@ class Pattern:
 
     @classmethod
     def parse(cls, text: str, file: str) -> Pattern:
-        """Take a pattern from text; `file` names it in messages.
+        """Take a pattern from text.
+
+        Parameters
+        ----------
+        text : str
+        file : str
+            Its name in messages.
 
         Raises
         ------
         PatternError
             If it defines neither function or both, reads files and versions of its own, or leaves a
             comment or a condition open.
+
+        Examples
+        --------
+        >>> head = "float pattern(float light, float across, float shift, float footprint)"
+        >>> gpuspec.Pattern.parse(head + " { return 0.5; }", "even.glsl").kind
+        'pattern'
+        >>> gpuspec.Pattern.parse("float half() { return 0.5; }", "half.glsl")
+        Traceback (most recent call last):
+            ...
+        gpuspec.errors.PatternError: half.glsl: must define one of
+          float pattern(float light, float across, float shift, float footprint) { ... }
+          float picture(vec2 place, float light, float across, float footprint, int k) { ... }
         """
         bare = _COMMENT.sub(lambda found: re.sub(r"[^\n]", " ", found[0]), text)
         for word, why in _NOT_GLSL.items():

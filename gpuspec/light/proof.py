@@ -168,9 +168,15 @@ def remembered(backend: Backend) -> Settings | None:
 
 
 def remember(backend: Backend, settings: Settings | None) -> None:
-    """Keep that a device computes with some settings; None: forget it.
+    """Keep that a device computes with some settings.
 
     Nothing is kept where nothing can be written: the next start tries again.
+
+    Parameters
+    ----------
+    backend : Backend
+    settings : mapping or None
+        None: forget it.
     """
     path = _file(backend)
     if path is None:

@@ -93,6 +93,13 @@ _END = 16  # points after which the spline forgets what follows: 0.27^16 = 7e-10
 def map_records(maps: tuple[TopographyMap, ...], station: Station) -> NDArray[np.float32]:
     """Return the structs ``Map`` of `kernels/station.h`.
 
+    Parameters
+    ----------
+    maps : tuple of TopographyMap, n of them
+        Laid on the part.
+    station : Station
+        Its sampling and image shape are used.
+
     Returns
     -------
     ndarray of float32, shape (n, 3, 4)
@@ -133,6 +140,13 @@ def coefficients(maps: tuple[TopographyMap, ...]) -> NDArray[np.float32]:
 
 def groove_records(grooves: Grooves, station: Station) -> NDArray[np.float32]:
     """Return the structs ``Groove`` of `kernels/station.h`, as the pixels average them.
+
+    Parameters
+    ----------
+    grooves : Grooves
+        S pieces.
+    station : Station
+        Its sampling and image shape are used.
 
     Returns
     -------

@@ -41,7 +41,14 @@ def kernel_source(name: str) -> str:
 
 
 def resolved(text: str, name: str) -> str:
-    """Return OpenCL C text with every include of `kernels/` in place; `name` is for messages."""
+    """Return OpenCL C text with every include of `kernels/` in place.
+
+    Parameters
+    ----------
+    text : str
+    name : str
+        Of its file, for messages.
+    """
     return "\n".join(_resolved(text, name, {}, '#line {line} "{name}"'))
 
 
@@ -53,7 +60,27 @@ def shader_source(
     lines: bool = True,
     pattern: tuple[str, str] | None = None,
 ) -> tuple[str, tuple[str, ...]]:
-    """Return a GLSL file of `shaders/`, ready to compile; see :func:`resolved_shader`."""
+    """Return a GLSL file of `shaders/`, ready to compile.
+
+    Parameters
+    ----------
+    name : str
+        In `shaders/`.
+    version : int
+        Of GLSL.
+    defines : tuple of str
+        Words to define, e.g. ``"NOISE"`` or ``"SUB_RAYS 4"``.
+    lines : bool
+        Whether ``#line`` directives keep file and line.
+    pattern : tuple of str, optional
+        File name and text of a user's own, in place of ``#include "pattern.glsl"``.
+
+    Returns
+    -------
+    text : str
+    names : tuple of str
+        Its files by their number.
+    """
     text = (folder("shaders") / name).read_text(encoding="utf-8")
     return resolved_shader(text, f"shaders/{name}", version, defines, lines, pattern)
 
@@ -104,6 +131,12 @@ def named_files(log: str, names: tuple[str, ...]) -> str:
     """Return the compiler's messages on `numbered_lines` with file and line.
 
     Mesa writes ``0:12(5): error``, NVIDIA ``0(12) : error``, Apple ``ERROR: 0:12:``.
+
+    Parameters
+    ----------
+    log : str
+    names : tuple of str
+        Of the files by number, as :func:`shader_source` returns them.
     """
 
     def name(found: re.Match[str]) -> str:

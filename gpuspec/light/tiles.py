@@ -25,7 +25,15 @@ Tile = TypeVar("Tile")
 class PlanarTile:
     """Some rows of a light map in buffers of the device, one for each of its quantities.
 
-    With a pattern, ``lost`` holds the light point's other coordinate of each sub-ray.
+    Attributes
+    ----------
+    first_row : int
+        From 0, the image's top.
+    rows : int
+    light, footprint, irradiance : Buffer
+        Of every sub-ray, in mm, mm and 1.
+    lost : Buffer
+        Codes of ``LOST``; with a pattern, the light point's other coordinate of every sub-ray.
     """
 
     first_row: int
@@ -58,7 +66,14 @@ class TiledLightMap(LightMap, Generic[Tile]):
 
     @abstractmethod
     def trace_tile(self, first_row: int, rows: int) -> Tile:
-        """Trace some rows of the image; they stay on the device."""
+        """Trace some rows of the image; they stay on the device.
+
+        Parameters
+        ----------
+        first_row : int
+            From 0, the image's top.
+        rows : int
+        """
 
     @abstractmethod
     def read_tile(
@@ -67,14 +82,33 @@ class TiledLightMap(LightMap, Generic[Tile]):
         maps: tuple[NDArray[np.float32], ...] | None,
         lost: NDArray[np.uint8],
     ) -> None:
-        """Bring a tile home: light, footprint, irradiance (n * n, rows, N), lost (rows, N)."""
+        """Bring a tile home.
+
+        Parameters
+        ----------
+        tile : Tile
+        maps : tuple of ndarray of float32, each (n * n, rows, N), or None
+            Written: light, footprint and irradiance of every sub-ray; None: they stay.
+        lost : ndarray of uint8, shape (rows, N)
+            Written.
+        """
 
     @abstractmethod
     def run_tile(self, tile: Tile, what: str, station: Station, k: int, out: Image) -> None:
-        """Make `what` of a tile and bring it home into out (planes, rows, N).
+        """Make images of a tile and bring them home.
 
-        `what` is "image" (number k), "mean", "fuse" (a plane each of ``FUSIONS``), "closed_form"
-        or, of a pattern, "faulty" (share of samples that are none).
+        Parameters
+        ----------
+        tile : Tile
+        what : str
+            "image" (number `k`), "mean", "fuse" (a plane each of ``FUSIONS``), "closed_form" or, of
+            a pattern, "faulty" (share of samples that are none).
+        station : Station
+            Of the traced geometry.
+        k : int
+            Number of the image, from 0.
+        out : ndarray of float32, shape (planes, rows, N)
+            Written, in DN.
         """
 
     @property

@@ -155,6 +155,15 @@ class VulkanBackend(Backend):
     def pipeline(self, file: str, *defines: str, pattern: Pattern | None = None) -> Any:
         """Return the pipeline of a shader of `shaders/`, compiled when first asked for.
 
+        Parameters
+        ----------
+        file : str
+            In `shaders/`.
+        *defines : str
+            Words to define, e.g. ``"NOISE"`` or ``"SUB_RAYS 4"``.
+        pattern : Pattern, optional
+            Put in where the shader leaves room for one.
+
         Raises
         ------
         BackendError
@@ -210,7 +219,14 @@ class VulkanBackend(Backend):
             logger.disabled = was
 
     def constant(self, values: NDArray[Any], uniform: bool = False) -> Any:
-        """Copy an array to the device, read-only; an empty one becomes one zero."""
+        """Copy an array to the device, read-only; an empty one becomes one zero.
+
+        Parameters
+        ----------
+        values : ndarray
+        uniform : bool
+            Whether it is a uniform block, and not a storage buffer.
+        """
         usage = self.wgpu.BufferUsage.UNIFORM if uniform else self.wgpu.BufferUsage.STORAGE
         values = np.ascontiguousarray(values if values.size else np.zeros(16, values.dtype))
         return self.device.create_buffer_with_data(data=values, usage=usage)
@@ -221,7 +237,15 @@ class VulkanBackend(Backend):
         return self.device.create_buffer(size=size, usage=usage)
 
     def enqueue(self, pipeline: Any, buffers: Sequence[Any], columns: int, rows: int) -> None:
-        """Start a pipeline on columns x rows invocations; buffers in the order of bindings."""
+        """Start a pipeline on columns x rows invocations.
+
+        Parameters
+        ----------
+        pipeline : GPUComputePipeline
+        buffers : sequence of GPUBuffer
+            In the order of bindings.
+        columns, rows : int
+        """
         entries = [
             {"binding": i, "resource": {"buffer": buffer, "offset": 0, "size": buffer.size}}
             for i, buffer in enumerate(buffers)
@@ -238,7 +262,14 @@ class VulkanBackend(Backend):
         self.device.queue.submit([encoder.finish()])
 
     def copy_home(self, out: NDArray[Any], buffer: Any) -> None:
-        """Wait for a buffer of floats or uints, and copy its beginning to out."""
+        """Wait for a buffer of floats or uints, and copy its beginning home.
+
+        Parameters
+        ----------
+        out : ndarray of float32 or of an integer type
+            Written.
+        buffer : GPUBuffer
+        """
         size = out.size * 4
         staging, self._staging = self._staging, None  # one left mapped by Ctrl-C is not used again
         if staging is None or staging.size < size:
@@ -275,7 +306,16 @@ _LINE = re.compile(r"#line (\d+) (\d+)")
 
 
 def located(message: str, source: str, names: tuple[str, ...]) -> str:
-    """Return a message of wgpu's GLSL compiler with file and line for its offsets in bytes."""
+    """Return a message of wgpu's GLSL compiler with file and line for its offsets in bytes.
+
+    Parameters
+    ----------
+    message : str
+    source : str
+        The text that was compiled.
+    names : tuple of str
+        Of the files by number, as :func:`gpuspec.light.sources.shader_source` returns them.
+    """
 
     def place(found: re.Match[str]) -> str:
         before = source.encode()[: int(found[2])].decode(errors="ignore").split("\n")
@@ -380,7 +420,18 @@ class VulkanLightMap(ShaderLightMap[PlanarTile]):
         b.copy_home(out, grey)
 
     def enqueue(self, tile: PlanarTile, what: str, station: Station, k: int, grey: Any) -> None:
-        """Start a shader on a tile; its planes go to the buffer `grey`."""
+        """Start a shader on a tile; its planes go to the buffer `grey`.
+
+        Parameters
+        ----------
+        tile : PlanarTile
+        what : str
+            See :meth:`TiledLightMap.run_tile`.
+        station : Station
+        k : int
+            Number of the image.
+        grey : GPUBuffer
+        """
         b = self._backend
         block = design_block(station)
         more: tuple[Any, ...] = ()
