@@ -42,6 +42,17 @@ class ClassRule:
     ------
     ValueError
         If the name is empty or kept, or a range holds no value.
+
+    Examples
+    --------
+    >>> from gpuspec.detection.classes import ClassRule
+    >>> ClassRule("small", area_mm2=(None, 0.05))
+    ClassRule(name='small', area_mm2=(None, 0.05), weight_dn=(None, None), elongation=(None,
+        None))
+    >>> ClassRule("none", area_mm2=(1.0, 0.5))
+    Traceback (most recent call last):
+        ...
+    ValueError: Class 'none': area_mm2 from 1.0 to below 0.5 holds no value.
     """
 
     name: str
@@ -96,6 +107,17 @@ def classify(blobs: Blobs, rules: Sequence[ClassRule] = DEFAULT_RULES) -> npt.ND
     -------
     (n,) str array
         Class names.
+
+    Examples
+    --------
+    >>> from gpuspec.detection.classes import ClassRule, classify
+    >>> from gpuspec.detection.measures import measure_blobs
+    >>> labels = np.array([[1, 1, 1, 1], [0, 0, 0, 0], [0, 0, 0, 2]])
+    >>> blobs = measure_blobs(labels, 80.0 * (labels > 0), sampling_mm=0.1, flawless_dn=60.0)
+    >>> classify(blobs).tolist()
+    ['scratch', 'dent or bump']
+    >>> classify(blobs, [ClassRule("large", area_mm2=(0.02, None))]).tolist()
+    ['large', 'unclassified']
     """
     names = np.array([*(rule.name for rule in rules), UNCLASSIFIED])
     everything = np.ones(len(blobs), np.bool_)
@@ -171,6 +193,14 @@ def confusion(
     ValueError
         If the shapes disagree, the label images are not integers from 0, a zone has no kind, there
         is not one class per blob, or a kind or class has a name kept for the table.
+
+    Examples
+    --------
+    >>> from gpuspec.detection.classes import confusion
+    >>> truth = np.array([[1, 1, 0, 2, 0, 0]])
+    >>> labels = np.array([[1, 0, 0, 0, 0, 2]])
+    >>> confusion(["dent", "scratch"], truth, labels, ["dent or bump", "scratch"])
+    Confusion(dent: 1 dent or bump; scratch: 1 missed; false: 1 scratch)
     """
     check_label_image("truth_labels", truth_labels)
     check_label_image("labels", labels, truth_labels.shape)

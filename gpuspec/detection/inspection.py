@@ -71,6 +71,23 @@ def inspect(
     Returns
     -------
     Inspection
+
+    Raises
+    ------
+    StationError
+        If no pixel is valid.
+
+    Examples
+    --------
+    >>> from gpuspec.detection.inspection import inspect
+    >>> station = gpuspec.Station(camera={"sampling_mm": 0.1})
+    >>> aspect = np.full((50, 80), 60.0, np.float32)
+    >>> aspect[20:24, 30:50] = 120.0  # a bright streak of 2 mm by 0.4 mm
+    >>> found = inspect(aspect, np.full((50, 80), True), station)
+    >>> found.classes.tolist(), found.blobs.area_mm2.round(3).tolist()
+    (['scratch'], [0.8])
+    >>> found.threshold
+    67.125
     """
     if not valid.any():
         raise StationError(

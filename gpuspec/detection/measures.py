@@ -184,6 +184,16 @@ def measure_blobs(
     With the variances v of the pixel centres about the centroid, plus 1/12 px² for the pixel's own
     square, the axes are 4·√λ, λ = (v_xx + v_yy)/2 ± √[((v_xx − v_yy)/2)² + v_xy²], and the
     orientation is ½·atan2(2·v_xy, v_xx − v_yy).
+
+    Examples
+    --------
+    >>> from gpuspec.detection.measures import measure_blobs
+    >>> labels = np.array([[1, 1, 1, 1], [0, 0, 0, 0], [0, 0, 0, 2]])
+    >>> blobs = measure_blobs(labels, 80.0 * (labels > 0), sampling_mm=0.1, flawless_dn=60.0)
+    >>> blobs.area_px.tolist(), blobs.net_weight_dn.tolist(), blobs.elongation.round(2).tolist()
+    ([4, 1], [80.0, 20.0], [4.0, 1.0])
+    >>> blobs.x_mm.round(3).tolist(), blobs.y_mm.round(3).tolist()
+    ([0.0, 0.15], [0.1, -0.1])
     """
     check_label_image("labels", labels)
     if aspect.shape != labels.shape or aspect.dtype.kind not in "iuf":

@@ -101,13 +101,37 @@ def precision(hit_px: npt.ArrayLike, false_px: npt.ArrayLike) -> npt.NDArray[np.
     ----------
     hit_px, false_px : array_like
         Detected pixels inside (n_Z) and outside (n_0) the zones.
+
+    Examples
+    --------
+    >>> from gpuspec.detection.score import precision
+    >>> precision([80, 0], [20, 0]).tolist()
+    [0.8, 1.0]
     """
     hit, false = np.asarray(hit_px, np.float64), np.asarray(false_px, np.float64)
     return np.where(false > 0, hit / np.maximum(hit + false, 1), 1.0)
 
 
 def recall(hit_px: npt.ArrayLike, zone_px: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """Return P2 = n_Z/N_Z, NaN where there is no pixel in a zone."""
+    """Return P2 = n_Z/N_Z, NaN where there is no pixel in a zone.
+
+    Parameters
+    ----------
+    hit_px : int or array
+        Detected pixels in zones, n_Z.
+    zone_px : int or array
+        Pixels in zones, N_Z, of a shape that broadcasts with `hit_px`.
+
+    Returns
+    -------
+    ndarray of float64, of their common shape
+
+    Examples
+    --------
+    >>> from gpuspec.detection.score import recall
+    >>> recall([80, 0], [100, 0]).tolist()
+    [0.8, nan]
+    """
     hit, zone = np.asarray(hit_px, np.float64), np.asarray(zone_px, np.float64)
     return np.where(zone > 0, hit / np.maximum(zone, 1), np.nan)
 
@@ -136,6 +160,14 @@ def score(labels: LabelImage, truth: LabelImage, valid: Mask, defects: int) -> S
     ValueError
         If the shapes disagree, `labels` or `truth` are not integers from 0, `valid` is not bool, or
         `truth` holds a label above `defects`.
+
+    Examples
+    --------
+    >>> from gpuspec.detection.score import score
+    >>> truth = np.array([[1, 1, 0, 2, 0, 0]])
+    >>> labels = np.array([[1, 0, 0, 0, 0, 2]])
+    >>> score(labels, truth, np.full((1, 6), True), defects=2)
+    Score(P1 0.500, P2 0.333, F1 0.400; 1 of 2 defects hit, 1 of 2 blobs false)
     """
     check_label_image("labels", labels)
     check_label_image("truth", truth, labels.shape)

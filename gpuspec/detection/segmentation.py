@@ -78,6 +78,13 @@ def flawless_level(aspect: GreyLevels, valid: Mask) -> float:
     ------
     ValueError
         If the shapes disagree, no pixel is valid, or a valid pixel is not a finite number.
+
+    Examples
+    --------
+    >>> from gpuspec.detection.segmentation import flawless_level
+    >>> aspect = np.array([[60.0, 62.0, 61.0, 255.0]])
+    >>> flawless_level(aspect, valid=np.array([[True, True, True, False]]))
+    61.0
     """
     return float(np.median(_valid_pixels(aspect, valid), overwrite_input=True))
 
@@ -115,6 +122,13 @@ def automatic_threshold(
     ValueError
         If the shapes disagree, no pixel is valid, a valid pixel is not a finite number, or
         `full_scale_dn` or `images` is not positive.
+
+    Examples
+    --------
+    >>> from gpuspec.detection.segmentation import automatic_threshold
+    >>> aspect = np.full((4, 4), 64.0)  # even: one image in 40 is the margin
+    >>> automatic_threshold(aspect, np.full((4, 4), True), full_scale_dn=255.0, images=40)
+    71.125
     """
     margins = threshold_margins(aspect, valid, full_scale_dn=full_scale_dn, images=images)
     step = GRID * full_scale_dn
@@ -164,6 +178,15 @@ def segment(
     ------
     ValueError
         If the shapes disagree, a valid pixel is not a finite number, or the threshold is NaN.
+
+    Examples
+    --------
+    >>> from gpuspec.detection.segmentation import segment
+    >>> aspect = np.array([[90, 90, 60, 60], [60, 60, 60, 60], [60, 60, 60, 95]])
+    >>> segment(aspect, np.full((3, 4), True), 80.0).tolist()
+    [[1, 1, 0, 0], [0, 0, 0, 0], [0, 0, 0, 2]]
+    >>> segment(aspect, np.full((3, 4), True), 80.0, min_area_px=2).tolist()
+    [[1, 1, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]]
     """
     _check_grey_levels(aspect, valid)
     if np.isnan(threshold):
