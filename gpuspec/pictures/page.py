@@ -35,7 +35,13 @@ class Sheet:
         self.figure = Figure((width / DPI, height / DPI), dpi=DPI, facecolor="white")
 
     def axes(self, left: float, top: float, width: float, height: float) -> Axes:
-        """Add axes whose frame is this box."""
+        """Add axes whose frame is this box.
+
+        Parameters
+        ----------
+        left, top, width, height : float
+            Of the box, px from the sheet's top left corner.
+        """
         return self.figure.add_axes(
             (
                 left / self.width,
@@ -46,12 +52,27 @@ class Sheet:
         )
 
     def text(self, x: float, y: float, text: str, **style: Any) -> None:
-        """Write text whose top left corner is here."""
+        """Write text whose top left corner is here.
+
+        Parameters
+        ----------
+        x, y : float
+            Px from the sheet's top left corner.
+        text : str
+        **style
+            As matplotlib's ``Figure.text`` takes it.
+        """
         style = {"ha": "left", "va": "top", "fontsize": 10, **style}
         self.figure.text(x / self.width, 1 - y / self.height, text, **style)
 
     def heading(self, title: str, *lines: str) -> None:
-        """Write a bold title and lines under it, 24 px each; what is too long, in small letters."""
+        """Write a bold title and lines under it, 24 px each; what is too long, in small letters.
+
+        Parameters
+        ----------
+        title : str
+        *lines : str
+        """
         self._line(14, title, fontsize=13, fontweight="bold")
         for number, line in enumerate(lines):
             self._line(44 + 24 * number, line, color="#404040")
@@ -67,7 +88,15 @@ class Sheet:
         )
 
     def legend(self, handles: Sequence[Any], top: float) -> None:
-        """Put a legend of one line under the heading; a long one is drawn closer and smaller."""
+        """Put a legend of one line under the heading; a long one is drawn closer and smaller.
+
+        Parameters
+        ----------
+        handles : sequence of Artist
+            With their labels.
+        top : float
+            Px from the sheet's top.
+        """
         labels = [str(handle.get_label()) for handle in handles]
         room = self.width - MARGIN - _EDGE
         symbols = 1.6 + 0.8  # of the letters' size, with what stands between symbol and label
@@ -101,7 +130,16 @@ class Sheet:
 
 
 def text_width(text: str, size: float, weight: str = "normal") -> float:
-    """Return how wide a line of text is, px; `size` is that of its letters, points."""
+    """Return how wide a line of text is, px.
+
+    Parameters
+    ----------
+    text : str
+    size : float
+        Of its letters, points.
+    weight : str
+        As matplotlib names it.
+    """
     font = FontProperties(size=size, weight=weight)
     renderer: Any = RendererAgg
     width, _, _ = renderer(1, 1, DPI).get_text_width_height_descent(text, font, ismath=False)
@@ -109,7 +147,14 @@ def text_width(text: str, size: float, weight: str = "normal") -> float:
 
 
 def essentials(station: Station, pattern: Pattern | None = None) -> str:
-    """Return what matters most of a station, in one line; `pattern` is its light if not stripes."""
+    """Return what matters most of a station, in one line.
+
+    Parameters
+    ----------
+    station : Station
+    pattern : Pattern, optional
+        Its light, if not stripes.
+    """
     part, tunnel, camera = station.part, station.tunnel, station.camera
     kind = "crowned part" if part.crown_radius_x_mm or part.crown_radius_y_mm else "flat part"
     if part.relief:
@@ -126,7 +171,15 @@ def essentials(station: Station, pattern: Pattern | None = None) -> str:
 
 
 def fitted(shape: tuple[int, int], width: float, height: float) -> tuple[int, int]:
-    """Return the largest box (width, height) in px of an image's proportions, 2 px at least."""
+    """Return the largest box (width, height) in px of an image's proportions, 2 px at least.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Of the image, (M, N).
+    width, height : float
+        What there is room for, px.
+    """
     scale = min(width / shape[1], height / shape[0])
     return max(round(scale * shape[1]), 2), max(round(scale * shape[0]), 2)
 
@@ -138,7 +191,15 @@ def round_length(length: float) -> float:
 
 
 def scale_length(mm: float, px: float, share: float = 0.2) -> float:
-    """Return a round length for a scale bar: a share of a side, but one that can be seen, mm."""
+    """Return a round length for a scale bar: a share of a side, but one that can be seen, mm.
+
+    Parameters
+    ----------
+    mm, px : float
+        Length of the side.
+    share : float
+        Of it that the bar takes, about.
+    """
     return round_length(mm * max(share, BAR_PX_MIN / px))
 
 

@@ -25,7 +25,14 @@ GREY = matplotlib.colormaps["gray"].with_extremes(bad="white", under="black")
 
 
 def reduction(ax: Axes, shape: tuple[int, ...]) -> int:
-    """Return by how much an image must be reduced to have no more pixels than its axes."""
+    """Return by how much an image must be reduced to have no more pixels than its axes.
+
+    Parameters
+    ----------
+    ax : Axes
+    shape : tuple of int
+        Of the image, (M, N).
+    """
     box = ax.get_window_extent()
     return max(1, math.ceil(shape[0] / box.height), math.ceil(shape[1] / box.width))
 
@@ -33,7 +40,19 @@ def reduction(ax: Axes, shape: tuple[int, ...]) -> int:
 def place_image(
     ax: Axes, image: NDArray[Any], factor: int, station: Station, **style: Any
 ) -> AxesImage:
-    """Draw a reduced image where it lies in the part frame."""
+    """Draw a reduced image where it lies in the part frame.
+
+    Parameters
+    ----------
+    ax : Axes
+    image : ndarray, shape (ceil(M / factor), ceil(N / factor))
+    factor : int
+        By which it was reduced.
+    station : Station
+        Of image shape (M, N).
+    **style
+        As matplotlib's ``Axes.imshow`` takes it.
+    """
     (rows, columns), p = station.shape, station.camera.sampling_mm
     right, top = columns * p / 2, rows * p / 2
     extent = (
@@ -55,7 +74,19 @@ def draw_grey(
     high: float,
     lost: NDArray[np.uint8] | None = None,
 ) -> AxesImage:
-    """Draw grey levels; what is beside the part stays white if `lost` is given."""
+    """Draw grey levels.
+
+    Parameters
+    ----------
+    ax : Axes
+    image : ndarray of float32, shape (M, N)
+        In DN.
+    station : Station
+    low, high : float
+        What is black and what is white, DN.
+    lost : ndarray of uint8, shape (M, N), optional
+        Why pixels see no light: what is beside the part stays white.
+    """
     factor = reduction(ax, image.shape)
     grey = pooled(image, factor, np.add)
     if lost is not None:
@@ -67,7 +98,16 @@ def draw_grey(
 def draw_codes(
     ax: Axes, codes: NDArray[np.uint8], station: Station, colours: Sequence[str]
 ) -> None:
-    """Draw an image of small integers in one colour each; the highest prevails."""
+    """Draw an image of small integers in one colour each; the highest prevails.
+
+    Parameters
+    ----------
+    ax : Axes
+    codes : ndarray of uint8, shape (M, N)
+        Indices into `colours`.
+    station : Station
+    colours : sequence of str
+    """
     factor = reduction(ax, codes.shape)
     colourmap: Colormap = ListedColormap(list(colours))
     place_image(
@@ -94,6 +134,19 @@ def grey_range(result: Inspected) -> tuple[float, float]:
 def range_up_to(high: float, result: Inspected, least: float) -> tuple[float, float]:
     """Return a range that ends past the threshold and `least` of full scale above flawless, for
     an even image is not to look rough; but never past full scale, which is white.
+
+    Parameters
+    ----------
+    high : float
+        What is to be in the range, DN.
+    result : Inspected
+    least : float
+        Share of full scale.
+
+    Returns
+    -------
+    low, high : float
+        In DN.
     """
     flawless, full = result.flawless_dn, result.station.sensor.full_scale_dn
     high = max(high, min(result.threshold, full), flawless + least * full)
@@ -123,12 +176,30 @@ def millimetres(ax: Axes) -> None:
 
 
 def tick_locator(px: float, pitch: float = _TICK_PX[0]) -> MaxNLocator:
-    """Return round places for as many labelled ticks as a side of so many px has room for."""
+    """Return round places for as many labelled ticks as a side of so many px has room for.
+
+    Parameters
+    ----------
+    px : float
+        Length of the side.
+    pitch : float
+        Least distance of two ticks, px.
+    """
     return MaxNLocator(min(max(int(px / pitch), 2), 9), steps=_STEPS)
 
 
 def scale_bar(ax: Axes, below: float, share: float = 0.2) -> None:
-    """Draw a bar of a round length under the right end of the axes, `below` px down."""
+    """Draw a bar of a round length under the right end of the axes.
+
+    Parameters
+    ----------
+    ax : Axes
+        In mm along x.
+    below : float
+        How far down, px.
+    share : float
+        Of the axes' width that the bar takes, about.
+    """
     low, high = ax.get_xlim()
     length = scale_length(high - low, ax.get_window_extent().width, share)
     y = -below / ax.get_window_extent().height
@@ -160,7 +231,14 @@ def scale_bar(ax: Axes, below: float, share: float = 0.2) -> None:
 
 
 def open_frame(ax: Axes, x: str, y: str) -> None:
-    """Label axes of curves, and leave their frame open above and to the right."""
+    """Label axes of curves, and leave their frame open above and to the right.
+
+    Parameters
+    ----------
+    ax : Axes
+    x, y : str
+        Labels.
+    """
     ax.xaxis.set_major_locator(tick_locator(ax.get_window_extent().width))
     ax.set_xlabel(x, fontsize=10)
     ax.set_ylabel(y, fontsize=10)

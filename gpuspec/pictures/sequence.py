@@ -138,7 +138,16 @@ def sequence_animation(
 
 
 def write_image(result: Inspected, k: int, path: Path) -> None:
-    """Write image k as an 8-bit PNG, full scale white."""
+    """Write image k as an 8-bit PNG, full scale white.
+
+    Parameters
+    ----------
+    result : Inspected
+        With its light map.
+    k : int
+        From 0.
+    path : Path
+    """
     grey = result.light_map.image(k) * (255 / result.station.sensor.full_scale_dn)
     Pillow.fromarray(np.rint(grey).astype(np.uint8)).save(path, compress_level=3)
 
