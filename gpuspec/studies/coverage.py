@@ -188,6 +188,14 @@ def study(
         image exceeds the memory.
     BackendError
         If the backend is absent or fails.
+
+    Examples
+    --------
+    >>> from gpuspec.studies import coverage
+    >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.5)
+    >>> found = coverage.study(station)
+    >>> found.images_needed, found.blind
+    (4, 0.0)
     """
     dent = dent or hardest(station)
     check_memory(station)

@@ -38,6 +38,13 @@ class Dent:
     diameter_mm : float
         Of its zone, 4 sigma.
     depth_um : float
+
+    Examples
+    --------
+    >>> from gpuspec.studies.deflection import Dent
+    >>> dent = Dent(diameter_mm=0.8, depth_um=5.0)
+    >>> dent.sigma_mm, round(dent.slope, 4)
+    (0.2, 0.0152)
     """
 
     diameter_mm: float
@@ -62,10 +69,17 @@ class Dent:
         return self.depth_mm / self.sigma_mm / math.sqrt(math.e)
 
     def alone_on(self, station: Station, x_mm: float = 0.0) -> Station:
-        """Return a station whose only defect is this dent at (x, 0), seen by one row of pixels.
+        """Return a station whose only defect is this dent, seen by one pixel at its origin.
 
-        Its tunnel reaches as far as any ray, without an opening; a pixel is so small, sigma / 250,
-        that it does not average the dent.
+        Its tunnel reaches as far as any ray, without an opening; the pixel is so small,
+        sigma / 250, that it does not average the dent.
+
+        Parameters
+        ----------
+        station : Station
+            What else it takes: tunnel, camera, part.
+        x_mm : float
+            Where the dent lies; y is 0.
         """
         known = {"kind": "dent", "x_mm": x_mm, "y_mm": 0.0, "diameter_mm": self.diameter_mm,
                  "depth_um": self.depth_um}  # fmt: skip
@@ -109,7 +123,14 @@ def magnification(station: Station) -> float:
 
 
 def strength(dent: Dent, station: Station) -> float:
-    """Return A = 2 H d / (sigma^2 M), the dent's slope in units of the part's own image."""
+    """Return A = 2 H d / (sigma^2 M), the dent's slope in units of the part's own image.
+
+    Parameters
+    ----------
+    dent : Dent
+    station : Station
+        Its tunnel, camera and shape are used.
+    """
     deflection = 2 * station.tunnel.top_mm * dent.depth_mm / dent.sigma_mm**2
     return deflection / magnification(station)
 
@@ -118,6 +139,17 @@ def reach_mm(dent: Dent, station: Station) -> float:
     """Return the distance on the part from which a transition still shows the dent.
 
     It is (A / sqrt e - 1) sigma; zero or less where no transition shows it.
+
+    Parameters
+    ----------
+    dent : Dent
+    station : Station
+
+    Examples
+    --------
+    >>> from gpuspec.studies.deflection import Dent, reach_mm
+    >>> round(reach_mm(Dent(diameter_mm=0.8, depth_um=5.0), gpuspec.example("trim")), 3)
+    6.417
     """
     return (strength(dent, station) / math.sqrt(math.e) - 1) * dent.sigma_mm
 
@@ -176,7 +208,13 @@ def hardest(station: Station) -> Dent:
 
 
 def described(diameter_mm: float | None, depth_um: float | None) -> Dent | None:
-    """Return the dent of this size and depth; None if neither is given.
+    """Return the dent of a size and depth; None if neither is given.
+
+    Parameters
+    ----------
+    diameter_mm : float or None
+        Of its zone, 4 sigma.
+    depth_um : float or None
 
     Raises
     ------

@@ -217,6 +217,15 @@ def study(station: Station, dent: Dent | None = None, distances: int = 31) -> He
     ------
     StationError
         If the station has no dent, bump or scratch, or no ray meets the light.
+
+    Examples
+    --------
+    >>> from gpuspec.studies import height
+    >>> found = height.study(gpuspec.example("trim"), distances=5)
+    >>> print(found.findings()[0])
+    dent of 0.143 mm, 4.34 µm deep, 99.9 mm off the axis, camera at 800 mm: the light point
+        moves 45.7 mm by slope and 1.1 mm by height, 2.43 % of it. Height displaces what a
+        pixel sees by 0.54 µm on the part, 0.011 of a pixel.
     """
     if distances < 2:
         raise StationError(f"a curve over {distances} distances is none; ask for 2 or more.")

@@ -37,13 +37,27 @@ def movements(station: Station) -> Iterator[tuple[str, str, str, Moved]]:
 
 
 def tunnel_raised(station: Station, by_mm: float) -> Station:
-    """Raise the tunnel; an arch gets a larger radius."""
+    """Raise the tunnel; an arch gets a larger radius.
+
+    Parameters
+    ----------
+    station : Station
+    by_mm : float
+        Negative: lowered.
+    """
     key = "radius_mm" if station.tunnel.section == "arch" else "height_mm"
     return station.replace(**{f"tunnel.{key}": station.tunnel.top_mm + by_mm})
 
 
 def camera_raised(station: Station, by_mm: float) -> Station:
-    """Raise the camera, its pixels and their angles kept: it then sees more of the part."""
+    """Raise the camera, its pixels and their angles kept: it then sees more of the part.
+
+    Parameters
+    ----------
+    station : Station
+    by_mm : float
+        Negative: lowered.
+    """
     rows, columns = station.shape
     height = station.camera.height_mm + by_mm
     return station.replace(
@@ -57,12 +71,24 @@ def camera_raised(station: Station, by_mm: float) -> Station:
 
 
 def shifted(station: Station, x_mm: float, y_mm: float) -> Station:
-    """Move the part's defects aside; what comes into view beyond the part's end is flawless."""
+    """Move the part's defects aside; what comes into view beyond the part's end is flawless.
+
+    Parameters
+    ----------
+    station : Station
+    x_mm, y_mm : float
+    """
     return _moved(station, lambda x, y: (x + x_mm, y + y_mm))
 
 
 def turned(station: Station, angle_rad: float) -> Station:
-    """Turn the part's defects about z, anticlockwise seen by the camera."""
+    """Turn the part's defects about z, anticlockwise seen by the camera.
+
+    Parameters
+    ----------
+    station : Station
+    angle_rad : float
+    """
     cosine, sine = math.cos(angle_rad), math.sin(angle_rad)
     return _moved(station, lambda x, y: (cosine * x - sine * y, sine * x + cosine * y))
 

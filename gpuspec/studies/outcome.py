@@ -85,6 +85,14 @@ class Outcome(ABC):
         OutputError
             If a file is in the way, the folder cannot be written or the disk is full; nothing is
             left half-written.
+
+        Examples
+        --------
+        >>> from pathlib import Path
+        >>> height = gpuspec.study("height", gpuspec.example("trim"), distances=5)
+        >>> height.write("studies")
+        >>> sorted(file.name for file in Path("studies").glob("height.*"))
+        ['height.csv', 'height.json', 'height.png', 'height.toml']
         """
         with outputs(self.name, self.station, folder, force=force).writing() as partial:
             self.write_files(partial)
@@ -116,7 +124,18 @@ class Outcome(ABC):
 def outputs(
     name: str, station: Station | None, folder: str | Path, *, force: bool = False
 ) -> Outputs:
-    """Return what the study of this name writes, to be checked before it and written after it."""
+    """Return what a study writes, to be checked before it and written after it.
+
+    Parameters
+    ----------
+    name : str
+        Of the study.
+    station : Station or None
+        None: it was run without one.
+    folder : str or Path
+    force : bool
+        Whether files are replaced that are not known to be an earlier study's.
+    """
     places = copies(station, name).values() if station else ()
     read = station.inputs if station else ()
     return Outputs(folder_of(folder), f"{name} study", (*files(name), *places), read, force=force)
