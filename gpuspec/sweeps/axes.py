@@ -85,6 +85,15 @@ def axis(station: Station, key: str, given: str | float | Sequence[float]) -> Ax
     ------
     StationError
         Unknown or non-numeric key; empty, reversed or unreadable range.
+
+    Examples
+    --------
+    >>> from gpuspec.sweeps.axes import axis
+    >>> station = gpuspec.example("trim")
+    >>> axis(station, "tunnel.luminous_mm", "1:4:4").values
+    (1.0, 2.0, 3.0, 4.0)
+    >>> axis(station, "sequence.images", [20, 40]).retraces
+    False
     """
     whole = _takes_whole_numbers(station, key)
     values = _range(key, given) if isinstance(given, str) and ":" in given else _list(key, given)
@@ -159,7 +168,14 @@ def _ends(key: str, given: str | float | Sequence[float]) -> tuple[float, float]
 
 
 def vary_options(texts: Sequence[str], how: str = VARY) -> dict[str, str]:
-    """Return keys and what they take, as ``--vary`` gives them; `how` says what to write.
+    """Return keys and what they take, as ``--vary`` gives them.
+
+    Parameters
+    ----------
+    texts : sequence of str
+        Each ``KEY=RANGE``.
+    how : str
+        What the message says to write.
 
     Raises
     ------
@@ -175,7 +191,13 @@ def vary_options(texts: Sequence[str], how: str = VARY) -> dict[str, str]:
 
 
 def vary_option(text: str, how: str = VARY) -> tuple[str, str]:
-    """Split ``KEY=RANGE`` as ``--vary`` takes it; `how` says what to write.
+    """Split ``KEY=RANGE`` as ``--vary`` takes it.
+
+    Parameters
+    ----------
+    text : str
+    how : str
+        What the message says to write.
 
     Raises
     ------

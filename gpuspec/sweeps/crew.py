@@ -14,7 +14,17 @@ from gpuspec.sweeps.trying.bench import Bench
 
 @dataclass(frozen=True)
 class Task:
-    """Some designs of one file of the table."""
+    """Some designs of one file of the table.
+
+    Attributes
+    ----------
+    file : int
+        Its number.
+    designs : tuple of int
+        Their numbers.
+    sampled : bool
+        Whether pixels outside the zones may be sampled, if the plan says so.
+    """
 
     file: int
     designs: tuple[int, ...]
@@ -30,7 +40,12 @@ class Crew(Protocol):
 
 @dataclass(frozen=True)
 class Alone:
-    """A bench of this process, with its device."""
+    """A bench of this process, with its device.
+
+    Attributes
+    ----------
+    bench : Bench
+    """
 
     bench: Bench
 

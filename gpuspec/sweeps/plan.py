@@ -41,6 +41,17 @@ class Plan:
         Part 0 is the station's own; part k has every seed k times `SEED_STEP` further.
     samples : int
         Strata of the screening sample per part; 0: every pixel of every design is counted.
+
+    Examples
+    --------
+    >>> vary = {"tunnel.height_mm": [200, 300], "sensor.exposure": "1:4:4"}
+    >>> plan = gpuspec.Plan.of(gpuspec.example("trim"), vary)
+    >>> plan
+    Plan(trim.toml: 8 designs, 2 of tunnel.height_mm, 4 of sensor.exposure; 1 part)
+    >>> plan.geometries, plan.values(5)
+    (2, {'tunnel.height_mm': 300.0, 'sensor.exposure': 2.0})
+    >>> plan.station_of(5).tunnel.height_mm
+    300.0
     """
 
     station: Station
@@ -80,6 +91,20 @@ class Plan:
         ------
         StationError
             Nothing to vary or to detect, a wrong key or range, or too many designs.
+
+        Examples
+        --------
+        >>> station = gpuspec.example("trim")
+        >>> gpuspec.Plan.of(station)  # its own [sweep] table
+        Plan(trim.toml: 15,360 designs, 16 of tunnel.luminous_mm, 12 of tunnel.dark_mm, 8 of
+            sensor.exposure, 10 of sequence.images; 1 part)
+        >>> gpuspec.Plan.of(station, {"tunnel.dark_mm": "2:8:4"}, parts=3).designs
+        4
+        >>> gpuspec.Plan.of(station, {"tunnel.dark": "2:8:4"})
+        Traceback (most recent call last):
+            ...
+        gpuspec.errors.StationError: trim.toml: tunnel.dark is not a known key (did you mean
+            dark_mm?).
         """
         station = Station.of(station)
         table = station.sweep
@@ -176,7 +201,13 @@ class Plan:
         return None
 
     def check_some_valid(self) -> None:
-        """Raise StationError, with the first reason, if the grid is small and none is valid."""
+        """See that some design is valid, if the grid is small.
+
+        Raises
+        ------
+        StationError
+            With the first reason, if none is.
+        """
         if self.designs <= _SEARCHED and self.first_valid() is None:
             try:
                 self.station_of(0)
@@ -212,7 +243,7 @@ class Plan:
 
         Raises
         ------
-        StationError, TypeError, ValueError or KeyError
+        StationError, TypeError, ValueError, KeyError
             If it is none.
         """
         station = Station.parse(identity["station"], "station.toml")
@@ -243,7 +274,14 @@ def _with_design(station: Station, changes: Mapping[str, float | int]) -> Statio
 
 
 def with_part(station: Station, part: int) -> Station:
-    """Return a station with another random part, and other noise; part 0 is its own."""
+    """Return a station with another random part, and other noise.
+
+    Parameters
+    ----------
+    station : Station
+    part : int
+        From 0, which is its own.
+    """
     if part == 0:
         return station
     step = part * SEED_STEP

@@ -17,7 +17,23 @@ GOALS: tuple[Goal, ...] = ("p1", "p2", "f1")
 
 
 def f1_of(p1: NDArray[np.float64], p2: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return 2 P1 P2/(P1 + P2), 0 where both are 0."""
+    """Return 2 P1 P2/(P1 + P2), 0 where both are 0.
+
+    Parameters
+    ----------
+    p1, p2 : ndarray
+        Of shapes that broadcast.
+
+    Returns
+    -------
+    ndarray of float64, of their common shape
+
+    Examples
+    --------
+    >>> from gpuspec.sweeps.rule import f1_of
+    >>> f1_of(np.array([1.0, 0.0]), np.array([0.5, 0.0])).round(3).tolist()
+    [0.667, 0.0]
+    """
     return 2 * p1 * p2 / np.maximum(p1 + p2, np.finfo(float).tiny)
 
 
@@ -38,6 +54,18 @@ class Rule:
         Least P2 and P1.
     hit_share : float
         Least share of the defects that must be hit.
+
+    Examples
+    --------
+    >>> rule = gpuspec.Rule(goal="f1", p2_floor=0.9, hit_share=0.95)
+    >>> print(rule)
+    95% of the defects hit, P2 at least 0.9, then the highest F1
+    >>> rule.required(36)
+    35
+    >>> gpuspec.Rule(goal="f2")
+    Traceback (most recent call last):
+        ...
+    gpuspec.errors.StationError: the goal 'f2' is not known; choose p1, p2, f1.
     """
 
     goal: Goal = "p1"
@@ -58,7 +86,20 @@ class Rule:
         return math.ceil(self.hit_share * seen - 1e-9)
 
     def criteria(self, p1: Any, p2: Any, hits: Any, seen: Any) -> list[NDArray[np.float64]]:
-        """Return what is to be highest, one after another; arrays that broadcast together."""
+        """Return what is to be highest, one after another.
+
+        Parameters
+        ----------
+        p1, p2, hits : array
+            Of points, of one shape.
+        seen : int or array
+            Defects that can be hit, of a shape that broadcasts with theirs.
+
+        Returns
+        -------
+        list of ndarray
+            Hits, P2 and P1 as far as they are asked for, then the goal, P2 and P1.
+        """
         required = np.ceil(self.hit_share * np.asarray(seen) - 1e-9)
         goal = {"p1": p1, "p2": p2}.get(self.goal)
         return [
@@ -91,11 +132,35 @@ class Rule:
         return best
 
     def best(self, p1: Any, p2: Any, hits: Any, seen: Any) -> int:
-        """Return the best of some points, each of shape (n,), the first of equals."""
+        """Return the best of some points, the first of equals.
+
+        Parameters
+        ----------
+        p1, p2, hits : array, shape (n,)
+        seen : int or array
+            Defects that can be hit.
+
+        Examples
+        --------
+        >>> p1, p2, hits = np.array([[0.5, 0.7, 0.9], [0.95, 0.9, 0.6], [9, 9, 8]])
+        >>> gpuspec.Rule().best(p1, p2, hits, 9)  # all hit, P2 at least 0.85, then the highest P1
+        1
+        >>> gpuspec.Rule(p2_floor=0.5, hit_share=0.8).best(p1, p2, hits, 9)
+        2
+        """
         return int(self.thresholds(p1, p2, hits, seen))
 
     def fulfilled(self, p1: float, p2: float, hits: int, seen: int) -> bool:
-        """Whether a point has all that is asked for."""
+        """Whether a point has all that is asked for.
+
+        Parameters
+        ----------
+        p1, p2 : float
+        hits : int
+            Defects hit.
+        seen : int
+            Defects that can be hit.
+        """
         return hits >= self.required(seen) and p2 >= self.p2_floor and p1 >= self.p1_floor
 
     def __str__(self) -> str:

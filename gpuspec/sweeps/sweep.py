@@ -58,6 +58,17 @@ def sweep(
         If no design is a valid station.
     BackendError
         If the device is absent or fails.
+
+    Examples
+    --------
+    >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.5)
+    >>> plan = gpuspec.Plan.of(station, {"sensor.exposure": [1, 2, 4], "sequence.images": [20, 40]})
+    >>> run = gpuspec.sweep(plan, "sweep")
+    >>> run.there(), run.missing()
+    (6, [])
+    >>> choice = gpuspec.choose(run)
+    >>> choice.best.design, choice.best.values
+    (2, {'sensor.exposure': 2.0, 'sequence.images': 20})
     """
     plan = plan if isinstance(plan, Plan) else Plan.of(plan)
     folder = folder_of(folder)

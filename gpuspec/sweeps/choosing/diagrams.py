@@ -34,7 +34,13 @@ _COLOURS = matplotlib.colormaps["cividis"].with_extremes(bad="white")
 
 
 def maps_picture(choice: Choice, maps: Sequence[Map]) -> Figure:
-    """Draw the best score for each pair of values of two keys, whatever the others are."""
+    """Draw the best score for each pair of values of two keys, whatever the others are.
+
+    Parameters
+    ----------
+    choice : Choice
+    maps : sequence of Map
+    """
     columns = min(len(maps), 3)
     widest = max(text_width(number(v), _TICKS_PT) for m in maps for v in m.down.values)
     gap, left = max(100, widest + 60), max(MARGIN, widest + 45)
@@ -99,7 +105,14 @@ def maps_picture(choice: Choice, maps: Sequence[Map]) -> Figure:
 
 
 def sensitivity_picture(choice: Choice, found: Sequence[Line]) -> Figure:
-    """Draw P1, P2 and defects hit along each key, with a threshold of its own and with one held."""
+    """Draw P1, P2 and defects hit along each key, with a threshold of its own and with one held.
+
+    Parameters
+    ----------
+    choice : Choice
+    found : sequence of Line
+        Of which the first are drawn.
+    """
     shown = found[:LINES_MAX]
     columns = min(len(shown), 4)
     gap, height = 52, 250

@@ -143,7 +143,15 @@ class Front:
 
 
 def curves(table: pa.Table, name: str) -> NDArray[np.float64]:
-    """Return a column of curves as an array (D, 256)."""
+    """Return a column of curves as an array (D, 256).
+
+    Parameters
+    ----------
+    table : pyarrow.Table
+        D rows.
+    name : str
+        Of a column of lists of 256.
+    """
     column = table[name].combine_chunks()
     array = column.flatten() if not column.null_count else column.values
     values: NDArray[np.float64] = array.to_numpy(zero_copy_only=False).reshape(-1, LEVELS)

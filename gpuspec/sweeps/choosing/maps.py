@@ -33,7 +33,18 @@ class Map:
     criteria: NDArray[np.float64]
 
     def kept(self, rule: Rule, defects: int) -> NDArray[np.bool_]:
-        """Return where the best design has all that the rule asks for."""
+        """Return where the best design has all that the rule asks for.
+
+        Parameters
+        ----------
+        rule : Rule
+        defects : int
+            Most defects that can be hit.
+
+        Returns
+        -------
+        ndarray of bool, shape (values down, values across)
+        """
         asked = [rule.required(defects), rule.p2_floor, rule.p1_floor]
         kept: NDArray[np.bool_] = np.all(self.criteria[..., :3] >= np.array(asked), axis=-1)
         return kept

@@ -17,7 +17,16 @@ from gpuspec.sweeps.rule import Rule
 
 
 def rows_of(run: RunFolder, designs: Iterable[int], columns: Sequence[str]) -> pa.Table:
-    """Return the rows of some designs, by their number; without those that are not there yet."""
+    """Return the rows of some designs, by their number; without those that are not there yet.
+
+    Parameters
+    ----------
+    run : RunFolder
+    designs : iterable of int
+        Their numbers.
+    columns : sequence of str
+        Read beside ``design``.
+    """
     wanted = np.unique(np.fromiter(designs, np.int64))
     owner = wanted // run.rows_per_file
     missing = set(run.missing())
@@ -69,7 +78,14 @@ class Scores:
         )  # fmt: skip
 
     def best(self, rule: Rule, defects: int) -> Points:
-        """Return each design at its own best threshold."""
+        """Return each design at its own best threshold.
+
+        Parameters
+        ----------
+        rule : Rule
+        defects : int
+            Most defects that can be hit.
+        """
         if not len(self.design):
             return Points.empty()
         return self.at(rule.thresholds(self.p1, self.p2, self.hits, defects))

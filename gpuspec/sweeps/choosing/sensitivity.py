@@ -149,7 +149,14 @@ def _change(choice: Choice, line: Line) -> float:
 
 
 def write_csv(path: Path, choice: Choice, found: Sequence[Line]) -> None:
-    """Write a row for each value of each line."""
+    """Write a row for each value of each line.
+
+    Parameters
+    ----------
+    path : Path
+    choice : Choice
+    found : sequence of Line
+    """
     names = ("threshold_dn", "p1", "p2", "f1", "hits", "exact", "kept")
     with path.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file)

@@ -30,7 +30,14 @@ _KEPT = "Everything finished is kept: run the same command again to go on."
 
 @dataclass(frozen=True)
 class Piece:
-    """Some designs of a task, for one worker."""
+    """Some designs of a task, for one worker.
+
+    Attributes
+    ----------
+    task : Task
+    designs : tuple of int
+        Their numbers.
+    """
 
     task: Task
     designs: tuple[int, ...]

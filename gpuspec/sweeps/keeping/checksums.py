@@ -36,14 +36,28 @@ class Checksums:
         return self.path.exists()
 
     def hold(self, file: Path, found: str) -> bool:
-        """Whether a file was written with this checksum."""
+        """Whether a file was written with this checksum.
+
+        Parameters
+        ----------
+        file : Path
+        found : str
+            Its checksum.
+        """
         line = self._line(file, found)
         if line not in self._lines and self.exist():  # another process may have written since
             self._lines = set(self.path.read_text("ascii", errors="replace").splitlines())
         return line in self._lines
 
     def add(self, file: Path, found: str) -> None:
-        """Add a file's checksum."""
+        """Add a file's checksum.
+
+        Parameters
+        ----------
+        file : Path
+        found : str
+            Its checksum.
+        """
         with self.path.open("ab+") as lines:
             if lines.tell():
                 lines.seek(-1, os.SEEK_END)

@@ -66,6 +66,14 @@ class RunFolder:
         ------
         OutputError
             If there is none.
+
+        Examples
+        --------
+        >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.5)
+        >>> _ = gpuspec.sweep(gpuspec.Plan.of(station, {"sensor.exposure": [2, 4]}), "sweep")
+        >>> run = gpuspec.RunFolder.read("sweep")
+        >>> run.plan.axes[0].key, run.there()
+        ('sensor.exposure', 2)
         """
         if not isinstance(path, (str, Path)):
             raise OutputError(
@@ -81,6 +89,15 @@ class RunFolder:
     @contextmanager
     def writing(cls, path: str | Path, plan: Plan) -> Iterator[RunFolder]:
         """Open a sweep's folder to write, a new one or one to go on with.
+
+        Parameters
+        ----------
+        path : str or Path
+        plan : Plan
+
+        Yields
+        ------
+        RunFolder
 
         Raises
         ------
@@ -152,7 +169,13 @@ class RunFolder:
         return f"{self.plan.designs:,} designs ({hashlib.sha256(text).hexdigest()[:8]})"
 
     def check_valid(self) -> None:
-        """Raise StationError, with the first reason, if no design of the table is valid."""
+        """See that some design of the table is valid.
+
+        Raises
+        ------
+        StationError
+            With the first reason, if none is.
+        """
         if all(not table["reason"].null_count for table in self.batches(["reason"])):
             reason = self.read_file(0, ["reason"])["reason"][0].as_py()
             raise StationError(f"no design of the sweep is a valid station, e.g.: {reason}")
@@ -206,6 +229,13 @@ class RunFolder:
     def write(self, number: int, table: pa.Table) -> None:
         """Write a file of the table, in place of an earlier one.
 
+        Parameters
+        ----------
+        number : int
+            Of the file.
+        table : pyarrow.Table
+            Its rows.
+
         Raises
         ------
         OutputError
@@ -228,6 +258,13 @@ class RunFolder:
     def read_file(self, number: int, columns: Sequence[str] | None = None) -> pa.Table:
         """Read a file of the table.
 
+        Parameters
+        ----------
+        number : int
+            Of the file.
+        columns : sequence of str, optional
+            None: all.
+
         Raises
         ------
         OutputError
@@ -242,7 +279,16 @@ class RunFolder:
             raise self._damage(number, str(error)) from None
 
     def batches(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
-        """Yield the table file by file, those that are there, in their order."""
+        """Yield the table file by file, those that are there, in their order.
+
+        Examples
+        --------
+        >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.5)
+        >>> run = gpuspec.sweep(gpuspec.Plan.of(station, {"sensor.exposure": [2, 4]}), "sweep")
+        >>> for table in run.batches(["design", "best_hits"]):
+        ...     print(table.to_pylist())
+        [{'design': 0, 'best_hits': 33}, {'design': 1, 'best_hits': 33}]
+        """
         for number in self._there():
             yield self.read_file(number, columns)
 
@@ -322,7 +368,13 @@ class RunFolder:
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
-    """Return what differs between two sweeps' identities, a few words each."""
+    """Return what differs between two sweeps' identities, a few words each.
+
+    Parameters
+    ----------
+    old, new : mapping
+        As :meth:`Plan.identity` gives them.
+    """
     said = []
     for name in sorted({*old["vary"], *new["vary"]}):
         was, now = old["vary"].get(name), new["vary"].get(name)
@@ -356,6 +408,12 @@ def _values(values: Sequence[Any] | None) -> str:
 def check_space(path: Path, plan: Plan) -> None:
     """Refuse a sweep whose table the disk cannot hold.
 
+    Parameters
+    ----------
+    path : Path
+        Of the sweep's folder.
+    plan : Plan
+
     Raises
     ------
     OutputError
@@ -378,6 +436,13 @@ def table_bytes(plan: Plan) -> int:
 def taken_lock(folder: Path, name: str) -> FileLock:
     """Return the lock of a folder, taken; a killed process leaves it free.
 
+    Parameters
+    ----------
+    folder : Path
+        An existing one.
+    name : str
+        Of the lock's file in it.
+
     Raises
     ------
     OutputError
@@ -396,7 +461,19 @@ def taken_lock(folder: Path, name: str) -> FileLock:
 
 @contextmanager
 def writes_to(path: Path, what: str = "the sweep") -> Iterator[None]:
-    """Say what cannot be written where, why, and what next."""
+    """Say what cannot be written where, why, and what next.
+
+    Parameters
+    ----------
+    path : Path
+    what : str
+        Is written.
+
+    Raises
+    ------
+    OutputError
+        In place of an OSError.
+    """
     try:
         yield
     except OSError as error:

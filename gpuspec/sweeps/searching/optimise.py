@@ -111,6 +111,11 @@ def plan_of(
     ------
     StationError
         As for a sweep, see :meth:`Plan.of`.
+
+    Examples
+    --------
+    >>> gpuspec.search_plan(gpuspec.example("trim"), {"tunnel.luminous_mm": "0.5:8"})
+    Plan(trim.toml: 2 designs, 2 of tunnel.luminous_mm; 1 part)
     """
     station = Station.of(station)
     vary = varied(vary if vary is not None else station.sweep.vary if station.sweep else {})
@@ -124,12 +129,31 @@ def plan_of(
 
 
 def outputs(plan: Plan, folder: str | Path, *, force: bool = False) -> Outputs:
-    """Return what is drawn of a search, to be checked before it and written after it."""
+    """Return what is drawn of a search, to be checked before it and written after it.
+
+    Parameters
+    ----------
+    plan : Plan
+    folder : str or Path
+    force : bool
+        Whether files are replaced that are not known to be an earlier search's.
+    """
     return Outputs(folder_of(folder), "search", WRITTEN, plan.station.inputs, force=force)
 
 
 def tried(plan: Plan, rule: Rule, parts: Parts, values: Values, *, step: bool) -> Trial:
     """Try one design at all thresholds, exactly.
+
+    Parameters
+    ----------
+    plan : Plan
+    rule : Rule
+        Chooses the threshold.
+    parts : Parts
+    values : mapping
+        By key.
+    step : bool
+        Whether they are a step from the best trial, and no sample.
 
     Raises
     ------
@@ -189,6 +213,16 @@ def optimise(
         If no trial is a valid station.
     BackendError
         If the device is absent or fails.
+
+    Examples
+    --------
+    >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.5)
+    >>> plan = gpuspec.search_plan(station, {"tunnel.luminous_mm": "1:4", "sensor.exposure": "2:6"})
+    >>> optimum = gpuspec.optimise(plan, "search", trials=4)
+    >>> len(optimum.trials), optimum.trials[optimum.best].hits <= 36
+    (4, True)
+    >>> 1 <= optimum.station().tunnel.luminous_mm <= 4
+    True
     """
     rule, folder = rule or Rule(), folder_of(folder)
     engine = open_backend(backend, device) if isinstance(backend, str) else backend

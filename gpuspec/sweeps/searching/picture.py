@@ -38,7 +38,13 @@ class Searched(Protocol):
 
 
 def write_trials(path: Path, found: Searched) -> None:
-    """Write a row for each trial; of one that is no valid station, its values and the reason."""
+    """Write a row for each trial; of one that is no valid station, its values and the reason.
+
+    Parameters
+    ----------
+    path : Path
+    found : Searched
+    """
     keys = [a.key for a in found.plan.axes]
     with path.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file)

@@ -60,7 +60,13 @@ class Trial:
 
 
 def best_of(trials: Sequence[Trial], rule: Rule) -> int | None:
-    """Return the number of the best trial by the rule, None if none is valid."""
+    """Return the number of the best trial by the rule, None if none is valid.
+
+    Parameters
+    ----------
+    trials : sequence of Trial
+    rule : Rule
+    """
     valid = [number for number, trial in enumerate(trials) if trial.reason is None]
     if not valid:
         return None

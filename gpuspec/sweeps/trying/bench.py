@@ -85,5 +85,12 @@ class Bench:
 
 
 def notes_of(station: Station, parts: Sequence[TracedPart]) -> str | None:
-    """Return what to know of a tried design, a line each; None: nothing."""
+    """Return what to know of a tried design, a line each; None: nothing.
+
+    Parameters
+    ----------
+    station : Station
+    parts : sequence of TracedPart
+        At least one.
+    """
     return "\n".join([*parts[0].notes, *of_design(station)]) or None

@@ -120,7 +120,14 @@ def rows(
 
 
 def invalid_rows(plan: Plan, reasons: dict[int, str]) -> pa.Table:
-    """Return the rows of designs that are no valid station: their values and the reason."""
+    """Return the rows of designs that are no valid station: their values and the reason.
+
+    Parameters
+    ----------
+    plan : Plan
+    reasons : dict of int to str
+        Number of the design, and why.
+    """
     columns: dict[str, Any] = {
         name: pa.nulls(len(reasons), kind) for name, kind, _ in _COLUMNS if name != "reason"
     }
