@@ -62,6 +62,12 @@ P1_FLOOR_HELP, P2_FLOOR_HELP = (f"Least {name}; {words.BEST}." for name in (word
 def changed(station: Station, changes: list[str] | None) -> Station:
     """Apply KEY=VALUE changes; values are TOML, text without quotes, or none to unset a key.
 
+    Parameters
+    ----------
+    station : Station
+    changes : list of str or None
+        Each KEY=VALUE.
+
     Raises
     ------
     StationError

@@ -66,13 +66,30 @@ def print_table(
 
 
 def fits(rows: Sequence[Sequence[str]], heads: Sequence[str], *, framed: bool = True) -> bool:
-    """Whether a table fits the terminal with every cell in one line."""
+    """Whether a table fits the terminal with every cell in one line.
+
+    Parameters
+    ----------
+    rows : sequence of sequence of str
+    heads : sequence of str
+        One for each column.
+    framed : bool
+        Whether lines are drawn around the cells.
+    """
     columns = zip(heads, *rows, strict=True)
     return sum(max(map(len, column)) for column in columns) <= _room(len(heads), framed)
 
 
 def print_score(p1: str, p2: str, f1: str, others: Sequence[Sequence[str]] = ()) -> None:
-    """Print scores with what they are called and mean, and other rows of three cells below."""
+    """Print scores with what they are called and mean, and other rows of three cells below.
+
+    Parameters
+    ----------
+    p1, p2, f1 : str
+        As they are printed.
+    others : sequence of sequence of str
+        Rows of three cells.
+    """
     values = {"p1": p1, "p2": p2, "f1": f1}
     rows = [(words.SCORES[key], value, words.MEANINGS[key]) for key, value in values.items()]
     print_table([*rows, *others], whole=[1], framed=False)
