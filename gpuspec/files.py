@@ -107,6 +107,15 @@ class Outputs:
     over : tuple of str
         Other kinds whose files are replaced, too.
     space : Space, optional
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from gpuspec.files import Outputs
+    >>> with Outputs(Path("out"), "run", ("score.json",), ()).writing() as folder:
+    ...     _ = (folder / "score.json").write_text("{}")
+    >>> Path("out/score.json").read_text()
+    '{}'
     """
 
     folder: Path
@@ -379,6 +388,16 @@ def write_new(
     path: Path, text: str, *, force: bool = False, inputs: Iterable[Path] = ()
 ) -> None:  # fmt: skip
     """Write a new text file whole; parameters and refusals as :func:`check_new`.
+
+    Parameters
+    ----------
+    path : Path
+    text : str
+        Written as UTF-8.
+    force : bool
+        Whether a file that is there is replaced.
+    inputs : iterable of Path
+        Files that are never replaced.
 
     Raises
     ------

@@ -154,6 +154,11 @@ class Bench:
     def written(self, pattern: Pattern, plan: Planned) -> Rendered:
         """Run a pattern and write its files where they are planned; errors as :meth:`render`.
 
+        Parameters
+        ----------
+        pattern : Pattern
+        plan : Planned
+
         Raises
         ------
         OutputError
@@ -239,7 +244,22 @@ class Bench:
 
 @contextmanager
 def bench(station: Station, backend: str, device: str | None, limit_s: float) -> Iterator[Bench]:
-    """Give a bench and end its worker afterwards."""
+    """Give a bench and end its worker afterwards.
+
+    Parameters
+    ----------
+    station : Station
+    backend : str
+        One that runs patterns, or "auto".
+    device : str or None
+        Part of the device's name, or its number.
+    limit_s : float
+        After how many seconds a pattern is stopped.
+
+    Yields
+    ------
+    Bench
+    """
     made = Bench(station, backend, device, limit_s)
     try:
         yield made
@@ -250,9 +270,17 @@ def bench(station: Station, backend: str, device: str | None, limit_s: float) ->
 def watch(
     path: Path, changed: Callable[[], None], stop: Callable[[], bool] = lambda: False
 ) -> None:
-    """Call `changed` now and after each save of a file, until `stop` or Ctrl-C.
+    """Call a function now and after each save of a file, until told to stop or Ctrl-C.
 
     Editors replace files: one that is away for a moment is waited for.
+
+    Parameters
+    ----------
+    path : Path
+    changed : callable
+        Without arguments.
+    stop : callable
+        Without arguments; true ends it.
     """
     seen: tuple[int, int] | None = None
     while not stop():

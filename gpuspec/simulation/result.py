@@ -46,6 +46,18 @@ class Result:
     relief : Relief
     warnings : tuple of str
         What to know before trusting the score, see :mod:`gpuspec.simulation.cautions`.
+
+    Examples
+    --------
+    >>> result = gpuspec.simulate(gpuspec.example("trim").replace(camera__sampling_mm=0.2))
+    >>> round(result.score.p1, 2), round(result.score.p2, 2), result.score.defects_hit
+    (0.4, 0.93, 36)
+    >>> result.confusion
+    Confusion(dent: 17 dent or bump; scratch: 11 scratch; bump: 8 dent or bump)
+    >>> sorted(set(result.classes.tolist()))
+    ['dent or bump', 'scratch']
+    >>> result.light_map.image(3).shape
+    (250, 1000)
     """
 
     station: Station
