@@ -69,17 +69,17 @@ class Dent:
         return self.depth_mm / self.sigma_mm / math.sqrt(math.e)
 
     def alone_on(self, station: Station, x_mm: float = 0.0) -> Station:
-        """Return a station whose only defect is this dent, seen by one pixel at its origin.
+        """Return a station whose only defect is this dent at (x, 0), seen by one row of pixels.
 
-        Its tunnel reaches as far as any ray, without an opening; the pixel is so small,
-        sigma / 250, that it does not average the dent.
+        Its tunnel reaches as far as any ray, without an opening; a pixel is so small, sigma / 250,
+        that it does not average the dent.
 
         Parameters
         ----------
         station : Station
             What else it takes: tunnel, camera, part.
         x_mm : float
-            Where the dent lies; y is 0.
+            Where the dent lies.
         """
         known = {"kind": "dent", "x_mm": x_mm, "y_mm": 0.0, "diameter_mm": self.diameter_mm,
                  "depth_um": self.depth_um}  # fmt: skip
