@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 import pytest
 from scenes import check_station
 
 from gpuspec.errors import BackendError
-from gpuspec.light import opencl as opencl_module
 from gpuspec.light.backend import chosen
 from gpuspec.light.light_map import LightMapArrays, has_closed_form
 from gpuspec.light.opencl import OpenCLBackend
+from gpuspec.light.opencl_device import LAUNCH_SECONDS
 from gpuspec.station.station import Station
 
 
@@ -51,20 +53,88 @@ def test_a_device_short_of_memory_works_in_tiles(opencl):
         assert np.array_equal(light_map.lost(), whole.lost())
 
 
+def launches_of(device: OpenCLBackend, monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
+    """Count the launches of a device from now on, kernel by kernel."""
+    counted: Counter[str] = Counter()
+    real = device.start
+
+    def start(file: str, name: str, *arguments, **places) -> None:
+        counted[name] += 1
+        real(file, name, *arguments, **places)
+
+    monkeypatch.setattr(device, "start", start)
+    return counted
+
+
 @pytest.mark.parametrize("noise", [False, True])
 @pytest.mark.parametrize("subsampling", [1, 2])
-def test_many_images_are_worked_out_in_slices_with_the_same_result_to_the_bit(
-    opencl, monkeypatch, noise, subsampling
+def test_work_is_done_launch_by_launch_with_the_same_result_to_the_bit(
+    monkeypatch, noise, subsampling
 ):
     station = check_station(camera__subsampling=subsampling, sensor__noise=noise)
-    light_map = opencl.trace(station)
-    mean, fused = light_map.mean(), light_map.fuse()
-    work = station.shape[1] * station.sequence.images * subsampling**2
-    monkeypatch.setattr(opencl_module, "_AT_ONCE", 5 * work * (16 if noise else 1))
-    assert len(list(light_map._slices("mean", station, station.shape[0]))) > 2
-    assert np.array_equal(light_map.mean(), mean)
+    device = OpenCLBackend()
+
+    def made() -> list[np.ndarray]:
+        light_map = device.trace(station)
+        arrays = light_map.read()
+        images = [light_map.mean(), *light_map.fuse().values(), light_map.image(3)]
+        if subsampling == 1:
+            images.append(light_map.closed_form())
+        return [arrays.light_mm, arrays.footprint_mm, arrays.irradiance, arrays.lost, *images]
+
+    whole = made()
+    monkeypatch.setattr("gpuspec.light.opencl_device.LAUNCH_SECONDS", 1e-7)
+    monkeypatch.setattr(device, "_work", {})
+    monkeypatch.setattr("gpuspec.light.opencl_device._FIRST_WORK", 5.0)
+    counted = launches_of(device, monkeypatch)
+    for one, other in zip(whole, made(), strict=True):
+        assert np.array_equal(one, other)
+    for kernel in ("trace", "image_at", "mean_of_images", "fuse_images"):
+        assert counted[kernel] == station.shape[0]
+    assert counted["aspect"] == (station.shape[0] if subsampling == 1 else 0)
+
+
+def test_an_image_is_made_in_bands_of_a_light_map_that_is_kept(opencl, monkeypatch):
+    """The light map takes the memory it takes; its images take none beside it to speak of."""
+    station = check_station()
+    whole = opencl.trace(station)
+    device = OpenCLBackend(memory_bytes=13 * opencl.width * np.prod(station.shape))
+    light_map = device.trace(station)
+    monkeypatch.setattr("gpuspec.light.opencl._BAND_BYTES", 3 * 5 * 4 * light_map.stride)
+    counted = launches_of(device, monkeypatch)
+    assert light_map.tiles == 1
     for name, image in light_map.fuse().items():
-        assert np.array_equal(image, fused[name])
+        assert np.array_equal(image, whole.fuse()[name])
+    assert counted == {"fuse_images": -(-station.shape[0] // 3)}
+    assert np.array_equal(light_map.closed_form(), whole.closed_form())
+    assert counted["trace"] == 0
+
+
+def test_a_light_map_is_kept_whatever_its_size_as_far_as_the_memory_allows():
+    station = check_station()
+    rows = station.shape[0]
+    device = OpenCLBackend()
+    stride = device.trace(station).stride
+    for missing in (0, 1):
+        device.memory_bytes = 13 * stride * rows - missing
+        assert device.trace(station).tiles == 1 + missing
+
+
+def test_a_launch_lasts_about_as_long_as_it_should(opencl, monkeypatch):
+    """By a clock under which a unit of work takes as long as is said here."""
+    now = [0.0]
+    monkeypatch.setattr("gpuspec.light.opencl_device.perf_counter", lambda: now[0])
+    for speed in (1e8, 1e10, 1e12):
+        monkeypatch.setattr(opencl, "_work", {})
+        spans = []
+        rows = np.full(200_000, speed / 1000)
+        for some in opencl.launches("a kernel", rows):
+            spans.append(float(rows[some].sum()) / speed)
+            now[0] += spans[-1]
+        assert sum(spans) == pytest.approx(200)
+        settled = spans[5:-1]  # growth is eightfold at most
+        assert min(settled) > 0.9 * LAUNCH_SECONDS
+        assert max(settled) < 1.1 * LAUNCH_SECONDS
 
 
 @pytest.mark.parametrize("method", ["trace", "aspect", "read", "lost"])
