@@ -11,6 +11,7 @@ import re
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -151,6 +152,7 @@ class VulkanBackend(Backend):
             raise DeviceError(f"vulkan: {self.info.device} does not open ({error}).") from None
         self._pipelines: dict[tuple[str, tuple[str, ...], Pattern | None], Any] = {}
         self._staging: Any = None
+        self._turn = Lock()
 
     def pipeline(self, file: str, *defines: str, pattern: Pattern | None = None) -> Any:
         """Return the pipeline of a shader of `shaders/`, compiled when first asked for.
@@ -240,7 +242,8 @@ class VulkanBackend(Backend):
     def copy_home(self, out: NDArray[Any], buffer: Any) -> None:
         """Wait for a buffer of floats or uints, and copy its beginning to out."""
         size = out.size * 4
-        staging, self._staging = self._staging, None  # one left mapped by Ctrl-C is not used again
+        with self._turn:
+            staging, self._staging = self._staging, None  # one left mapped by Ctrl-C is lost
         if staging is None or staging.size < size:
             usage = self.wgpu.BufferUsage.MAP_READ | self.wgpu.BufferUsage.COPY_DST
             staging = self.device.create_buffer(size=size, usage=usage)

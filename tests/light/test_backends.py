@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -177,3 +179,30 @@ def test_a_device_is_chosen_by_number_or_by_part_of_its_name(wanted, number):
 def test_a_device_that_is_not_there_is_answered_with_those_that_are(wanted):
     with pytest.raises(BackendError, match=r"no device .* from 0 \(NVIDIA GeForce\), 1 \(AMD"):
         chosen("vulkan", ["NVIDIA GeForce", "AMD Radeon"], wanted)
+
+
+def test_threads_share_a_device(device_backend):
+    """Each gets its own images, though all start the same kernels on one light map."""
+    station = check_station(sequence__images=7)
+    light_map = device_backend.trace(station)
+
+    def made(exposure: float) -> list[np.ndarray]:
+        design = station.replace(sensor__exposure=exposure)
+        own = device_backend.trace(design)
+        return [
+            light_map.closed_form(design), light_map.image(3, design), own.mean(), own.lost(),
+            *light_map.fuse(design).values(),
+        ]  # fmt: skip
+
+    exposures = np.linspace(0.5, 6.0, 36)
+    alone = [made(exposure) for exposure in exposures]
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(6) as threads:
+            together = list(threads.map(made, exposures))
+    finally:
+        sys.setswitchinterval(interval)
+    for ours, theirs in zip(alone, together, strict=True):
+        for one, other in zip(ours, theirs, strict=True):
+            assert np.array_equal(one, other)
