@@ -94,7 +94,7 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
         self._sub_rays = station.camera.subsampling**2
         first, pieces = blocks(relief.grooves, station)
         records = map_records(relief.maps, station)
-        self._inputs = (
+        self._inputs: tuple[Any, ...] = (
             backend.constant(geometry_block(station)),
             backend.constant(groove_records(relief.grooves, station)),
             backend.constant(first),
@@ -113,6 +113,11 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
             station,
             min(backend.memory_bytes // per_row, backend.device.max_mem_alloc_size // largest),
         )
+
+    def release(self) -> None:
+        """See :meth:`LightMap.release`."""
+        self._inputs = ()
+        super().release()
 
     def failures(self) -> AbstractContextManager[None]:
         """See :meth:`OpenCLDevice.failures`."""

@@ -310,6 +310,15 @@ class OpenGLLightMap(ShaderLightMap[_Tile]):
             min(budget // per_row, backend.texture_size // (self._wraps * self._sub_rays)),
         )
 
+    def release(self) -> None:
+        """See :meth:`LightMap.release`."""
+        self._lists = {}
+        super().release()
+        b = self._backend
+        with self.failures():  # the context holds what was drawn last
+            b.context.framebuffer([b.target((1, 1), 1)]).use()
+            b.context.gc()
+
     def failures(self) -> AbstractContextManager[None]:
         """See :meth:`OpenGLBackend.failures`."""
         return self._backend.failures()

@@ -328,7 +328,7 @@ class VulkanLightMap(ShaderLightMap[PlanarTile]):
                 f"{backend.info.device} binds; use fewer or smaller defects and maps, or "
                 f"--backend numpy."
             )
-        self._inputs = tuple(backend.constant(values) for values in inputs)
+        self._inputs: tuple[Any, ...] = tuple(backend.constant(values) for values in inputs)
         self._geometry = backend.constant(geometry_block(station), uniform=True)
         self._tracer = (
             *(("GROOVES",) if len(relief.grooves) else ()),
@@ -339,6 +339,11 @@ class VulkanLightMap(ShaderLightMap[PlanarTile]):
         largest_row = 4 * self._columns * max(self._sub_rays, len(FUSIONS))
         budget = min(backend.memory_bytes, _TILE_BYTES_MAX)
         super().__init__(station, min(budget // per_row, binding // largest_row, _GROUPS_MAX))
+
+    def release(self) -> None:
+        """See :meth:`LightMap.release`."""
+        self._inputs = ()
+        super().release()
 
     def failures(self) -> AbstractContextManager[None]:
         """See :meth:`VulkanBackend.failures`."""
