@@ -18,7 +18,7 @@ import gpuspec
 PACKAGE = Path(gpuspec.__file__).parent
 LADDER = (
     {"version", "errors", "units", "words"},
-    {"arrays", "cache"},
+    {"arrays", "cache", "host"},
     {"shown", "files", "shapes", "topographies"},
     {"station"},
     {"part", "detection"},

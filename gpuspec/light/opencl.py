@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.arrays import Image
+from gpuspec.host import free_bytes
 from gpuspec.light.backend import Backend, Settings
 from gpuspec.light.levels import Sample, Zones
 from gpuspec.light.opencl_device import FILES, INSTALL, INTEL, VECTOR, OpenCLDevice
@@ -27,6 +28,13 @@ from gpuspec.station.station import Station
 
 _BAND_BYTES = 1 << 26
 """Of an image on the device, which is made and brought home some rows at a time."""
+
+_TILE_BYTES = 1 << 30
+"""Of a light map that is not kept: larger tiles are no faster."""
+
+_SHARE_OF_HOST = 4
+"""What part of the host's free memory a light map may take there: a run takes 40 bytes a pixel
+beside its 13."""
 
 # Pixels of a REAL by kernel file, where `gpuspec devices --test` found another width faster than
 # that of the device's type. Intel's compiler vectorises over work-items by itself, and its closed
@@ -107,12 +115,19 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
         work = self.stride * (_TRACE + _MAP * len(records)) + BLOCK * _PIECE * near
         work *= self._sub_rays * (_STEP if station.part.surface == "height" else 1)
         self._work = np.repeat(work.astype(np.float64), BLOCK)[: station.shape[0]]
-        per_row = self.stride * (12 * self._sub_rays + 1)
-        largest = self.stride * 4 * self._sub_rays
-        super().__init__(
-            station,
-            min(backend.memory_bytes // per_row, backend.device.max_mem_alloc_size // largest),
-        )
+        super().__init__(station, self._rows_at_once(station.shape[0]))
+
+    def _rows_at_once(self, rows: int) -> int:
+        """Return how many rows are traced together: all, if the memory holds them."""
+        b = self.backend
+        row = self.stride * (12 * self._sub_rays + 1)
+        room = b.memory_bytes
+        if b.device.host_unified_memory:
+            room = min(room, free_bytes() // _SHARE_OF_HOST)
+        if rows * row > room:
+            room = min(room, _TILE_BYTES)
+        largest: int = b.device.max_mem_alloc_size
+        return min(room // row, largest // (self.stride * 4 * self._sub_rays))
 
     def release(self) -> None:
         """See :meth:`LightMap.release`."""

@@ -455,7 +455,7 @@ def test_a_linked_folder_is_written_where_it_leads(gpuspec_):
 
 
 def test_an_image_beyond_the_memory_is_refused_before_any_work(gpuspec_, monkeypatch):
-    monkeypatch.setattr(memory, "_available_bytes", lambda: 2**30)
+    monkeypatch.setattr(memory, "free_bytes", lambda: 2**30)
     told = said(
         gpuspec_(
             "simulate", "s.toml", "--set", "camera.columns=40000", "--set", "camera.rows=25000"

@@ -122,6 +122,19 @@ def test_a_light_map_is_kept_whatever_its_size_as_far_as_the_memory_allows():
         assert device.trace(station).tiles == 1 + missing
 
 
+def test_a_light_map_in_the_hosts_memory_leaves_a_run_the_rest(opencl, monkeypatch):
+    """On a CPU; a light map that does not fit is done in tiles of at most a gibibyte."""
+    station = check_station()
+    rows, stride = station.shape[0], opencl.trace(station).stride
+    assert opencl.device.host_unified_memory
+    for missing in (0, 1):
+        free = 4 * (13 * stride * rows - missing)
+        monkeypatch.setattr("gpuspec.light.opencl.free_bytes", lambda free=free: free)
+        assert opencl.trace(station).tiles == 1 + missing
+    monkeypatch.setattr("gpuspec.light.opencl._TILE_BYTES", 13 * stride * 5)
+    assert opencl.trace(station).tiles == -(-rows // 5)
+
+
 def test_a_launch_lasts_about_as_long_as_it_should(opencl, monkeypatch):
     """By a clock under which a unit of work takes as long as is said here."""
     now = [0.0]

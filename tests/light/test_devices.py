@@ -6,6 +6,8 @@ import json
 import os
 import sys
 import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -531,3 +533,35 @@ def test_a_test_ends_with_an_error_if_what_auto_chooses_fails(failing, code, gpu
     assert "it cannot add." in ran.out
     assert "0.00200 DN" in ran.out
     assert ("what auto chooses fails: it cannot add." in ran.err) is bool(code)
+
+
+@dataclass(frozen=True)
+class Lacking:
+    """A device, of which something is not so."""
+
+    device: Any
+    changes: Mapping[str, int]
+
+    def __getattr__(self, name: str) -> Any:
+        return self.changes[name] if name in self.changes else getattr(self.device, name)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"available": 0}, "is not available"),
+        ({"compiler_available": 0}, "has no compiler"),
+        ({"local_mem_size": 1024}, "has 1,024 bytes of local memory"),
+    ],
+)
+def test_a_device_that_cannot_compute_is_left_out_with_the_reason(
+    opencl, monkeypatch, changes, said
+):
+    name = opencl.info.device
+    lacking = Lacking(opencl.device, changes)
+    monkeypatch.setattr(opencl_device, "devices", lambda: [lacking])
+    with pytest.raises(DeviceError, match=f"opencl: {name} {said}"):
+        open_backend("opencl")
+    monkeypatch.setattr(opencl_device, "devices", lambda: [lacking, opencl.device])
+    with pytest.warns(DeviceWarning, match=said):
+        assert open_backend("opencl").number == 1
