@@ -179,6 +179,22 @@ def test_tiles_and_batches_count_the_same(opencl, monkeypatch):
         assert_same(traced.light_map.counter(zones_of(traced)).count(tried), whole[1])
 
 
+def test_peaks_and_ceilings_have_a_budget_of_memory(monkeypatch):
+    device = OpenCLBackend()
+    traced, zones, drawn = sampled(device, station(), 700)
+    counter = traced.light_map.counter(zones, drawn)
+    tried = [station()] * 7
+    expected = counter.count(tried)
+    budget = 2 * 4 * len(tried) * device.width  # of two zones, or of two vectors of regions
+    monkeypatch.setattr("gpuspec.light.opencl_levels._BYTES", budget)
+    taken = []
+    real = device.empty
+    monkeypatch.setattr(device, "empty", lambda size: taken.append(size) or real(size))
+    assert_same(counter.count(tried), expected)
+    assert taken
+    assert max(taken) <= budget
+
+
 @pytest.mark.parametrize("engine", [OpenCLBackend, scalar])
 def test_no_level_leaves_the_counters(engine):
     """Whatever a pixel's grey level: what is no number counts as dark, what is too high as 255."""
