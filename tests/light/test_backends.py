@@ -12,9 +12,10 @@ from scenes import check_station
 
 from gpuspec.errors import BackendError
 from gpuspec.light.backend import chosen
+from gpuspec.light.levels import Zones
 from gpuspec.light.light_map import LightMapArrays, has_closed_form
 from gpuspec.light.opencl import OpenCLBackend
-from gpuspec.light.opencl_device import LAUNCH_SECONDS
+from gpuspec.light.opencl_device import FILES, LAUNCH_SECONDS
 from gpuspec.station.station import Station
 
 
@@ -94,6 +95,25 @@ def test_work_is_done_launch_by_launch_with_the_same_result_to_the_bit(
     for kernel in ("trace", "image_at", "mean_of_images", "fuse_images"):
         assert counted[kernel] == station.shape[0]
     assert counted["aspect"] == (station.shape[0] if subsampling == 1 else 0)
+
+
+def test_a_program_is_built_once_a_file(monkeypatch):
+    device = OpenCLBackend()
+    built = []
+    real = device.program
+
+    def program(source: str, file: str, *width: int):
+        built.append(file)
+        return real(source, file, *width)
+
+    monkeypatch.setattr(device, "program", program)
+    station = check_station()
+    for _ in range(2):
+        light_map = device.trace(station)
+        light_map.image(0), light_map.mean(), light_map.fuse(), light_map.closed_form()
+        zone = np.ones(station.shape, np.int32)
+        light_map.counter(Zones.of(zone, zone == 1, 1)).count([station])
+    assert sorted(built) == sorted(FILES)
 
 
 def test_an_image_is_made_in_bands_of_a_light_map_that_is_kept(opencl, monkeypatch):
