@@ -172,6 +172,27 @@ def test_a_launch_lasts_about_as_long_as_it_should(opencl, monkeypatch):
         assert max(settled) < 1.1 * LAUNCH_SECONDS
 
 
+def test_a_short_launch_says_how_long_one_may_be_only_if_it_lasted(opencl, monkeypatch):
+    """A launch of little work takes its time to start, which is no measure of the device."""
+    now = [0.0]
+    monkeypatch.setattr("gpuspec.light.opencl_device.perf_counter", lambda: now[0])
+    monkeypatch.setattr(opencl, "_work", {})
+
+    def first_of_many() -> float:
+        rows = np.full(10_000, 1e6)
+        return 1e6 * next(opencl.launches("a kernel", rows)).stop
+
+    def little(seconds: float) -> None:
+        for _ in opencl.launches("a kernel", [10.0, 10.0]):
+            now[0] += seconds
+
+    unknown = first_of_many()
+    little(1e-3)
+    assert first_of_many() == unknown
+    little(2.0)
+    assert first_of_many() == 1e6  # one row: there is no less
+
+
 @pytest.mark.parametrize("method", ["trace", "aspect", "read", "lost"])
 def test_a_device_that_fails_says_so_in_a_sentence(method, monkeypatch):
     device = OpenCLBackend(memory_bytes=1)
