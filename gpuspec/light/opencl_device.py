@@ -35,9 +35,11 @@ LAUNCH_SECONDS = 0.5
 desktop's watchdog ends the driver after two seconds, or five."""
 
 # Work of a kernel's first launch, in pixels times images of the mean: about that long on two slow
-# cores. A launch shorter than meant lets the next be longer, by this factor at most.
+# cores. A launch shorter than meant lets the next be longer, by this factor at most; one longer
+# lets it be shorter, down to this share: what takes so long is a driver that compiles as it starts.
 _FIRST_WORK = 5e8
 _GROWTH = 8.0
+_LEAST = 0.01
 
 LOCAL_BYTES_MIN = 2048
 """Local memory that counting levels takes at least: one set of counters, and some to spare."""
@@ -299,7 +301,8 @@ class OpenCLDevice:
             given, done = float(every[last - 1]) - done, float(every[last - 1])
             # A launch that was short for want of work says nothing on how long one may be.
             if seconds > LAUNCH_SECONDS or given > at_once / 2:
-                self._work[name] = given * min(LAUNCH_SECONDS / seconds, _GROWTH)
+                fitting = given * min(LAUNCH_SECONDS / seconds, _GROWTH)
+                self._work[name] = max(fitting, _FIRST_WORK * _LEAST)
             first = last
 
     @contextmanager

@@ -18,6 +18,7 @@ _NO_PIXEL = 0xFFFFFFFF
 _STRETCH = 16_384
 _GROUP = 256
 _DESIGNS_MAX = 4096
+_AT_ONCE = 1 << 28  # designs times pixels of what no launch parts: a stretch, a zone
 _BYTES = 1 << 26  # of peaks, or of ceilings, on the device
 _COST = 3  # of a pixel under a design, see `OpenCLDevice.launches`
 # A level's share by which float32 may round a bound down: a hundred times what the closed form is
@@ -67,14 +68,6 @@ class OpenCLCounter:
                 )
                 self._region_vectors = -(-len(sample.footprint_mm) // width)
 
-    @property
-    def pixels(self) -> int:
-        """Pixels worked out for a design in closed form."""
-        if self._sample is None:
-            rows, columns = self._map.station.shape
-            return int(rows * columns)
-        return self._inside.count + sum(part.count for part in self._sample)
-
     def count(self, stations: Sequence[Station]) -> Levels:
         """See :meth:`gpuspec.light.levels.LevelCounter.count`."""
         found = Levels.empty(len(stations), len(self._zones.sizes))
@@ -83,9 +76,11 @@ class OpenCLCounter:
         for i in np.flatnonzero(~closed):
             image = self._map.aspect(stations[int(i)])
             found.put(np.array([i]), levels_of(image, self._zones, scales[i]))
+        whole = max(_STRETCH, self._sizes.max(initial=0))
+        at_once = min(max(_AT_ONCE // whole, 1), _DESIGNS_MAX)
         for scale in np.unique(scales[closed]):
             same = np.flatnonzero(closed & (scales == scale))
-            for some in np.split(same, range(_DESIGNS_MAX, len(same), _DESIGNS_MAX)):
+            for some in np.split(same, range(at_once, len(same), at_once)):
                 blocks = np.stack([design_block(stations[i]) for i in some])
                 found.put(some, self._counted(blocks, levels_per_dn(scale)))
         return found

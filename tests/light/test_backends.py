@@ -190,7 +190,7 @@ def test_a_short_launch_says_how_long_one_may_be_only_if_it_lasted(opencl, monke
     little(1e-3)
     assert first_of_many() == unknown
     little(2.0)
-    assert first_of_many() == 1e6  # one row: there is no less
+    assert first_of_many() == unknown / 100  # and no less, whatever was waited for
 
 
 @pytest.mark.parametrize("method", ["trace", "aspect", "read", "lost"])

@@ -170,7 +170,7 @@ def test_tiles_and_batches_count_the_same(opencl, monkeypatch):
     assert_same(tiled[1], whole[1])
     for engine in (OpenCLBackend(), scalar()):
         traced = trace(station(), engine)
-        monkeypatch.setattr("gpuspec.light.opencl_levels._DESIGNS_MAX", 4)
+        monkeypatch.setattr("gpuspec.light.opencl_levels._AT_ONCE", 4000)
         monkeypatch.setattr("gpuspec.light.opencl_levels._STRETCH", 1000)
         monkeypatch.setattr("gpuspec.light.opencl_levels._BYTES", 100)
         monkeypatch.setattr("gpuspec.light.opencl_device.LAUNCH_SECONDS", 1e-7)
@@ -201,7 +201,7 @@ def test_no_level_leaves_the_counters(engine):
     device = engine()
     traced = trace(station(), device)
     counter = traced.light_map.counter(zones_of(traced))
-    light = np.tile(np.array([np.nan, np.inf, -np.inf, 1e30], np.float32), counter.pixels)
+    light = np.tile(np.array([np.nan, np.inf, -np.inf, 1e30], np.float32), counter._inside.count)
     counter._inside = replace(counter._inside, irradiance=device.constant(light))
     block = design_block(station())[None]
     for per_dn in (np.float32(1), np.float32(1e6), np.float32(np.nan)):
