@@ -1,4 +1,5 @@
-/* The aspect image in closed form: the same cost for 8 images as for 800. */
+/* The aspect image in closed form: the same cost for 8 images as for 800. Grey levels begin with the
+   first row of the launch. */
 #include "portable.h"
 #include "station.h"
 #include "stripes.h"
@@ -11,5 +12,6 @@ __kernel void aspect(__global float *mean, __global const float *light,
     Design d = *design;
     size_t at = (get_global_id(1) * get_global_size(0) + get_global_id(0)) * WIDTH;
     Trapezoid t = exposed_ray(d, LOAD(light, at), LOAD(footprint, at), LOAD(irradiance, at), 1);
-    STORE(d.sensor.y * mean_over_scan(t, d.sequence.z), mean, at);
+    size_t begin = get_global_offset(1) * get_global_size(0) * WIDTH;
+    STORE(d.sensor.y * mean_over_scan(t, d.sequence.z), mean, at - begin);
 }

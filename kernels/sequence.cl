@@ -1,4 +1,5 @@
-/* Images of the sequence on demand, and what it is fused to, image by image. */
+/* Images of the sequence on demand, and what it is fused to, image by image. A launch makes some
+   rows of a tile, and its grey levels begin with the first of them. */
 #include "portable.h"
 #include "station.h"
 #include "stripes.h"
@@ -38,6 +39,7 @@ DEVICE void exposures(Pixels px, Design d, int first, REAL signal[CHUNK]) {
     }
 }
 
+/* What a work-item starts from: its pixels, and where in the launch's grey levels they stand. */
 #define PIXELS(px, column, row)                                                               \
     Pixels px;                                                                                \
     size_t stride = get_global_size(0) * WIDTH;                                               \
@@ -47,6 +49,7 @@ DEVICE void exposures(Pixels px, Design d, int first, REAL signal[CHUNK]) {
     px.sub_rays = sub_rays;                                                                   \
     px.plane = stride * (size_t)rows;                                                         \
     px.at = get_global_id(1) * stride + get_global_id(0) * WIDTH;                             \
+    size_t out = px.at - get_global_offset(1) * stride;                                       \
     Design d = *design;                                                                       \
     COUNTER column = TO_COUNTER((float)(get_global_id(0) * WIDTH) + LANES);                   \
     COUNTER row = (uint)(first_row + get_global_id(1));                                       \
@@ -61,7 +64,7 @@ __kernel void image_at(__global float *grey, __global const float *light,
     for (int i = 0; i < sub_rays; i++) {
         signal += at_shift(exposed_at(px, d, i), shift_of(d, k));
     }
-    STORE(grey_level(signal, d, k, column, row, pattern), grey, px.at);
+    STORE(grey_level(signal, d, k, column, row, pattern), grey, out);
 }
 
 /* Mean of all images, without holding any. */
@@ -82,7 +85,7 @@ __kernel void mean_of_images(__global float *mean, __global const float *light,
         }
         sum += part;
     }
-    STORE(sum / (float)images, mean, px.at);
+    STORE(sum / (float)images, mean, out);
 }
 
 /* Mean, maximum, minimum, standard deviation and mean |y(k + m) - y(k)| in one pass, one plane
@@ -115,9 +118,10 @@ __kernel void fuse_images(__global float *fused, __global const float *light,
             }
         }
     }
-    STORE(mean, fused, px.at);
-    STORE(high, fused, px.at + px.plane);
-    STORE(low, fused, px.at + 2 * px.plane);
-    STORE(sqrt(max(spread / (float)images, 0.0f)), fused, px.at + 3 * px.plane);
-    STORE(difference / (float)(pairs > 0 ? pairs : 1), fused, px.at + 4 * px.plane);
+    size_t plane = stride * get_global_size(1);
+    STORE(mean, fused, out);
+    STORE(high, fused, out + plane);
+    STORE(low, fused, out + 2 * plane);
+    STORE(sqrt(max(spread / (float)images, 0.0f)), fused, out + 3 * plane);
+    STORE(difference / (float)(pairs > 0 ? pairs : 1), fused, out + 4 * plane);
 }

@@ -9,13 +9,21 @@
 #define LEVELS 256
 #define NO_PIXEL 0xffffffffu
 
-/* Level of a pixel of the aspect image: of the 256 thresholds, 1 / `per_dn` apart from 0 on, how
-   many it is above. With 8 bits per pixel they are the whole grey levels, `per_dn` is 1. */
+/* Level of a grey level: of the 256 thresholds, 1 / `per_dn` apart from 0 on, how many it is above.
+   With 8 bits per pixel they are the whole grey levels, `per_dn` is 1. A level is the place of a
+   counter: what rounding puts above the last is the last, and what is no number is 0. */
+DEVICE REAL level_of(REAL grey, float per_dn) {
+    REAL level = -floor(-per_dn * grey);
+    REAL none = 0.0f, last = LEVELS - 1.0f;
+    level = (level > 0.0f ? level : none);
+    return level < last ? level : last;
+}
+
+/* Level of a pixel of the aspect image under the design d. */
 #define LEVEL(at)                                                                              \
-    (-floor(-per_dn * (d.sensor.y * mean_over_scan(exposed_ray(d, LOAD(light, at),             \
-                                                               LOAD(footprint, at),            \
-                                                               LOAD(irradiance, at), 1),       \
-                                                   d.sequence.z))))
+    level_of(d.sensor.y * mean_over_scan(exposed_ray(d, LOAD(light, at), LOAD(footprint, at),  \
+                                                     LOAD(irradiance, at), 1), d.sequence.z),  \
+             per_dn)
 
 #if WIDTH == 8
 
@@ -57,9 +65,11 @@ __kernel void count_levels(__global uint *counts, __global const float *light,
 
 #else
 
-/* Counters of a work-group, in copies, each begun in another bank of the local memory. */
-#define COPIES 16
+/* Counters of a work-group, in as many copies as the device's local memory holds, each begun in
+   another bank of it. A little is left to the compiler. */
 #define APART (LEVELS + 1)
+#define FITTING ((LOCAL_BYTES - 512) / (4 * APART))
+#define COPIES (FITTING < 16 ? FITTING : 16)
 
 /* Levels of some pixels under many designs. One work-group does a stretch of pixels for one design;
    designs are the fast index, so that a stretch stays in the cache for all of them. Neighbours
@@ -75,7 +85,7 @@ __kernel void count_levels(__global uint *counts, __global const float *light,
     }
     barrier(CLK_LOCAL_MEM_FENCE);
     Design d = designs[get_group_id(0)];
-    uint first = (uint)get_group_id(1) * stretch;
+    uint first = (uint)(get_global_id(1) / items) * stretch;
     uint last = first + stretch < pixels ? first + stretch : pixels;
     uint copy = item % COPIES * APART;
     for (uint at = first + item; at < last; at += items) {
@@ -95,8 +105,8 @@ __kernel void count_levels(__global uint *counts, __global const float *light,
 
 #endif
 
-/* Highest level in each zone under many designs, lane by lane: whether, and up to which threshold,
-   its defect is hit. The pixels of zone i are those from first[i] to first[i + 1]. */
+/* Highest level in each zone of a launch under many designs, lane by lane: whether, and up to which
+   threshold, its defect is hit. The pixels of zone i are those from first[i] to first[i + 1]. */
 __kernel void zone_peaks(__global float *peaks, __global const float *light,
                          __global const float *footprint, __global const float *irradiance,
                          __global const Design *designs, float per_dn, __global const uint *first) {
@@ -105,7 +115,8 @@ __kernel void zone_peaks(__global float *peaks, __global const float *light,
     for (uint at = first[get_global_id(1)]; at < first[get_global_id(1) + 1]; at += WIDTH) {
         peak = max(peak, LEVEL(at));
     }
-    STORE(peak, peaks, (get_global_id(0) * get_global_size(1) + get_global_id(1)) * WIDTH);
+    size_t zone = get_global_id(1) - get_global_offset(1);
+    STORE(peak, peaks, (get_global_id(0) * get_global_size(1) + zone) * WIDTH);
 }
 
 /* A grey level, in thresholds, that no pixel of a region is above under a design, whatever its light
@@ -116,8 +127,9 @@ __kernel void ceilings(__global float *highest, __global const float *footprint,
     Design d = designs[get_global_id(0)];
     size_t at = get_global_id(1) * WIDTH;
     Trapezoid t = exposed_ray(d, 0.0f, LOAD(footprint, at), LOAD(irradiance, at), 1);
+    size_t begin = get_global_offset(1) * WIDTH;
     STORE(per_dn * (d.sensor.y * highest_mean_over_scan(t, d.sequence.z)), highest,
-          get_global_id(0) * get_global_size(1) * WIDTH + at);
+          get_global_id(0) * get_global_size(1) * WIDTH + at - begin);
 }
 
 /* Puts chosen pixels of some rows of a light map side by side; those of other rows stay as they

@@ -83,17 +83,17 @@ DEVICE Surface maps_at(Surface s, __global const Map *maps, int count,
     return s;
 }
 
-/* Light map of rows first_row ... of the image: light coordinate, footprint and irradiance of each
-   sub-ray, one plane after another, and per pixel why it sees no light. */
+/* Light map of a tile, `rows` of the image from first_row on: light coordinate, footprint and
+   irradiance of each sub-ray, one plane after another, and per pixel why it sees no light. */
 __kernel void trace(__global float *light, __global float *footprint, __global float *irradiance,
                     __global uchar *lost, __constant Geometry *geometry,
                     __global const Groove *grooves, __global const int *block_first,
                     __global const int *pieces, __global const Map *maps, int map_count,
-                    __global const float *coefficients, int first_row) {
+                    __global const float *coefficients, int first_row, int rows) {
     Geometry g = *geometry;
     size_t stride = get_global_size(0) * WIDTH;
     size_t at = get_global_id(1) * stride + get_global_id(0) * WIDTH;
-    size_t plane = stride * get_global_size(1);
+    size_t plane = stride * (size_t)rows;
     int left = (int)get_global_id(0) * WIDTH;
     int top = first_row + (int)get_global_id(1);
     int block = (top / BLOCK) * ((int)(g.image.x - 1.0f) / BLOCK + 1)

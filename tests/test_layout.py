@@ -18,7 +18,7 @@ import gpuspec
 PACKAGE = Path(gpuspec.__file__).parent
 LADDER = (
     {"version", "errors", "units", "words"},
-    {"arrays", "cache"},
+    {"arrays", "cache", "host"},
     {"shown", "files", "shapes", "topographies"},
     {"station"},
     {"part", "detection"},
@@ -32,7 +32,7 @@ LADDER = (
 )
 """Rooms and files of the package, the lowest first; each imports from steps below its own."""
 ENGINES = {
-    "pyopencl": {"light.opencl"},
+    "pyopencl": {"light.opencl_device"},
     "moderngl": {"light.opengl"},
     "wgpu": {"light.vulkan"},
     "distributed": {"sweeps.cluster.crew", "sweeps.cluster.workers"},

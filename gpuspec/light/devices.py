@@ -197,9 +197,9 @@ def survey() -> list[Found]:
 
 def _devices(name: str) -> list[DeviceInfo]:
     if name == "opencl":
-        from gpuspec.light import opencl
+        from gpuspec.light import opencl_device
 
-        return [opencl.describe(device) for device in opencl.devices()]
+        return [opencl_device.describe(device) for device in opencl_device.devices()]
     if name == "opengl":
         from gpuspec.light import opengl
 

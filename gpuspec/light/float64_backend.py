@@ -61,12 +61,20 @@ class NumpyLightMap(LightMap):
         for first in range(0, rows, height):
             yield slice(first, min(first + height, rows))
 
+    def release(self) -> None:
+        """See :meth:`LightMap.release`."""
+        if not self.released:
+            del self._arrays
+        super().release()
+
     def read(self) -> LightMapArrays:
         """See :meth:`LightMap.read`."""
+        self.held()
         return self._arrays
 
     def lost(self) -> NDArray[np.uint8]:
         """See :meth:`LightMap.lost`."""
+        self.held()
         return self._arrays.lost
 
     def _grey(self, band: slice, k: int, station: Station) -> Array:
@@ -119,9 +127,9 @@ class NumpyLightMap(LightMap):
 
     def closed_form(self, station: Station | None = None) -> Image:
         """See :meth:`LightMap.closed_form`."""
-        m = self._arrays
 
         def work(band: slice, s: Station) -> Array:
+            m = self._arrays
             light, footprint, irradiance = (
                 a[0, band] for a in (m.light_mm, m.footprint_mm, m.irradiance)
             )

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from operator import index
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +55,13 @@ class LightMap(ABC):
     """A traced station. Stripes, sequence and sensor may change without tracing again.
 
     Every method takes a station of the same geometry, or the traced one if None. Another geometry
-    is refused with a StationError.
+    is refused with a StationError. The memory that it takes on the device is given back with the
+    last that knows it, by `release()`, or at the end of a block::
+
+        with backend.trace(station) as light_map:
+            image = light_map.aspect()
+
+    A light map that was released refuses with a BackendError.
 
     Examples
     --------
@@ -68,19 +74,48 @@ class LightMap(ABC):
 
     station: Station
     pattern: Pattern | None = None
+    released: bool = False
 
     def __repr__(self) -> str:
         rows, columns = self.station.shape
         rays = self.station.camera.subsampling**2
         lit = f", lit by {self.pattern.file}" if self.pattern else ""
+        if self.released:
+            return f"{type(self).__name__}({self.station.file}{lit}; released)"
         return (
             f"{type(self).__name__}({self.station.file}: {columns} x {rows} pixels of {rays} "
             f"sub-ray{'s' * (rays > 1)}{lit}; read() gives light_mm, footprint_mm, irradiance, "
             f"image(k) and aspect() grey levels in DN)"
         )
 
-    def _repr_png_(self) -> bytes:
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
+    def release(self) -> None:
+        """Give the device's memory back; the light map is of no use any more."""
+        self.released = True
+
+    def held(self) -> None:
+        """See that it was not released.
+
+        Raises
+        ------
+        BackendError
+            If it was.
+        """
+        if self.released:
+            raise BackendError(
+                f"the light map of {self.station.file} was released, and its memory is given "
+                f"back; trace the station again, or release it later."
+            )
+
+    def _repr_png_(self) -> bytes | None:
         """Show itself in a notebook: the aspect image it gives, black to full scale."""
+        if self.released:
+            return None
         from gpuspec.shown import grey_png
 
         return grey_png(self.aspect(), self.station.sensor.full_scale_dn)
@@ -105,6 +140,7 @@ class LightMap(ABC):
 
     def faulty(self) -> float:
         """Return the share of a pattern's samples, in some images, that are no radiance."""
+        self.held()
         return 0.0
 
     def lit_by(self, station: Station | None) -> Station:
@@ -114,7 +150,10 @@ class LightMap(ABC):
         ------
         StationError
             If it has another geometry than the traced one.
+        BackendError
+            If the light map was released.
         """
+        self.held()
         if station is None or station is self.station:
             return self.station
         station = Station.of(station)
@@ -242,6 +281,7 @@ class LightMap(ABC):
         sample : Sample, optional
             Pixels that may stand for all those outside the zones; None: all are counted.
         """
+        self.held()
         return _ImageCounter(self, zones)
 
     def aspect(self, station: Station | None = None) -> Image:

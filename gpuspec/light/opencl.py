@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec import cache
 from gpuspec.arrays import Image
-from gpuspec.errors import BackendError, DeviceError
-from gpuspec.light import intel, pocl
-from gpuspec.light.backend import Backend, DeviceInfo, Settings, chosen, failure
+from gpuspec.host import free_bytes
+from gpuspec.light.backend import Backend, Settings
 from gpuspec.light.levels import Sample, Zones
-from gpuspec.light.light_map import FUSIONS
+from gpuspec.light.opencl_device import FILES, INSTALL, INTEL, VECTOR, OpenCLDevice
 from gpuspec.light.opencl_levels import OpenCLCounter
 from gpuspec.light.records import (
     coefficients,
@@ -25,98 +21,33 @@ from gpuspec.light.records import (
     groove_records,
     map_records,
 )
-from gpuspec.light.sources import kernel_source
 from gpuspec.light.tiles import PlanarTile, TiledLightMap
-from gpuspec.part.grooves import blocks
+from gpuspec.part.grooves import BLOCK, blocks
 from gpuspec.part.relief import Relief
 from gpuspec.station.station import Station
 
-INSTALL = (
-    "install your GPU's OpenCL driver or, for the CPU, pip install pocl-binary-distribution "
-    '(Linux), pip install "gpuspec[intel]" (Linux, Windows), or apt install pocl-opencl-icd '
-    "(Debian, Ubuntu)"
-)
-INTEL = "Intel(R) OpenCL"
-_TILE_BYTES_MAX = 1 << 30
+_BAND_BYTES = 1 << 26
+"""Of an image on the device, which is made and brought home some rows at a time."""
 
-# Pixels times images of one launch, about a second on two slow cores; what noise costs more, and
-# how much more a GPU does in that time.
-_AT_ONCE = 1_000_000_000
-_NOISE_COST = 16
-_GPU_SPEED = 50
+_TILE_BYTES = 1 << 30
+"""Of a light map that is not kept: larger tiles are no faster."""
 
-VECTOR = 8
-"""Pixels of a REAL where it is a vector; rows are padded to whole ones."""
-
-FILES = ("trace.cl", "aspect.cl", "sequence.cl", "sweep.cl")
+_SHARE_OF_HOST = 4
+"""What part of the host's free memory a light map may take there: a run takes 40 bytes a pixel
+beside its 13."""
 
 # Pixels of a REAL by kernel file, where `gpuspec devices --test` found another width faster than
 # that of the device's type. Intel's compiler vectorises over work-items by itself, and its closed
 # form is then 2.8 times as fast, but not its loop over images (0.03 times).
 _MEASURED: dict[str, dict[str, int]] = {INTEL: {"aspect.cl": 1}}
 
-
-def devices() -> list[Any]:
-    """Return all OpenCL devices, GPUs first.
-
-    Raises
-    ------
-    BackendError
-        If pyopencl or every platform is missing.
-    """
-    cache.lend()
-    try:
-        import pyopencl as cl
-    except ImportError as error:
-        raise BackendError(f"opencl: pyopencl cannot be imported ({error}); {INSTALL}.") from None
-    try:
-        with intel.known_to_loader():
-            platforms = cl.get_platforms()
-    except cl.Error as error:
-        raise BackendError(f"opencl: no OpenCL platform found ({error}); {INSTALL}.") from None
-    found = []
-    for platform in platforms:
-        try:
-            found += platform.get_devices()
-        except cl.Error:
-            continue
-    if not found:
-        raise BackendError(f"opencl: no OpenCL device found; {INSTALL}.")
-    for device in found:
-        pocl.repair(device)
-    return sorted(found, key=_late)
+# What a pixel costs, about, in units of one image in the mean. That rows differ matters more than
+# how much they cost, see `OpenCLDevice.launches`.
+_TRACE, _STEP, _PIECE, _MAP, _CLOSED, _FUSE, _NOISE = 20, 4, 5, 40, 2, 6, 16
 
 
-def _late(device: Any) -> int:
-    """Return where a device comes: GPUs, other CPUs' drivers such as PoCL, Intel's for CPUs."""
-    import pyopencl as cl
-
-    if device.type & cl.device_type.GPU:
-        return 0
-    return 2 if device.platform.name.strip() == INTEL else 1
-
-
-def gpu_count() -> int:
-    """Return the number of GPUs among the devices, where they come first; 0 without OpenCL."""
-    try:
-        found = devices()
-    except BackendError:
-        return 0
-    import pyopencl as cl
-
-    return sum(bool(device.type & cl.device_type.GPU) for device in found)
-
-
-def describe(device: Any) -> DeviceInfo:
-    """Return what is recorded of a device."""
-    platform = device.platform
-    built_for = pocl.cpu(device)
-    version = f"{device.driver_version} for {built_for}" if built_for else device.driver_version
-    return DeviceInfo("opencl", device.name.strip(), platform.name.strip(), version)
-
-
-class OpenCLBackend(Backend):
-    """One OpenCL device with its queue and kernels.
+class OpenCLBackend(OpenCLDevice, Backend):
+    """One OpenCL device that traces stations.
 
     Parameters
     ----------
@@ -136,20 +67,9 @@ class OpenCLBackend(Backend):
     advice = f"Choose another --device or --backend (`gpuspec devices` lists them), or {INSTALL}."
 
     def __init__(self, device: str | None = None, memory_bytes: int | None = None) -> None:
-        found = devices()  # says what to install where pyopencl is missing
-        import pyopencl as cl
-
-        self.cl = cl
-        self.number = chosen("opencl", [d.name for d in found], device)
-        self.device = found[self.number]
-        self.info = describe(self.device)
+        super().__init__(device)
         self.settle(self.candidates()[0])
         self.memory_bytes = memory_bytes or self.device.global_mem_size // 2
-        try:
-            self.context = cl.Context([self.device])
-            self.queue = cl.CommandQueue(self.context)
-        except cl.Error as error:
-            raise DeviceError(f"opencl: {self.info.device} does not open ({error}).") from None
 
     def candidates(self) -> tuple[Settings, ...]:
         """See :meth:`Backend.candidates`: vectors suit a CPU, and single pixels always compile."""
@@ -159,90 +79,10 @@ class OpenCLBackend(Backend):
         vectors |= _MEASURED.get(self.info.driver, {})
         return {"widths": vectors}, {"widths": single}
 
-    def settle(self, settings: Settings) -> None:
-        """See :meth:`Backend.settle`; `widths` are the pixels of a REAL by kernel file."""
-        self.widths: dict[str, int] = {**dict.fromkeys(FILES, 1), **settings.get("widths", {})}
-        self._kernels: dict[str, Any] = {}
-
-    @property
-    def width(self) -> int:
-        """The widest REAL of all kernels, of which rows hold a whole number."""
-        return max(self.widths.values())
-
-    def kernel(self, file: str, name: str) -> Any:
-        """Return a kernel of `kernels/`, built when first asked for.
-
-        Parameters
-        ----------
-        file : str
-            In `kernels/`.
-        name : str
-            Of the kernel in it.
-
-        Raises
-        ------
-        BackendError
-            If it does not build.
-        """
-        if name not in self._kernels:
-            program = self.program(kernel_source(file), file, self.widths[file])
-            self._kernels[name] = self.cl.Kernel(program, name)
-        return self._kernels[name]
-
-    def program(self, source: str, file: str, width: int | None = None) -> Any:
-        """Build a program for the device.
-
-        Parameters
-        ----------
-        source : str
-        file : str
-            Named in messages.
-        width : int, optional
-            Pixels of a REAL; None: the widest of the kernels.
-
-        Raises
-        ------
-        BackendError
-            With the compiler's log, file and line kept.
-        """
-        options = [f"-DWIDTH={width or self.width}"]
-        try:
-            with warnings.catch_warnings():
-                # Compilers that only say what they did (Intel's) are not to be quoted to a user.
-                warnings.simplefilter("ignore", self.cl.CompilerWarning)
-                return self.cl.Program(self.context, source).build(options)
-        except self.cl.Error as error:
-            noise = ("clBuildProgram failed", "Build on <", "(options:")
-            lines = [line for line in str(error).splitlines() if line.strip()]
-            log = "\n".join(line for line in lines if not line.startswith(noise)) or str(error)
-            if "error:" not in log:  # PoCL writes its programs to a folder, and is silent when full
-                log += "\nThe compiler gave no reason; is the disk of ~/.cache/pocl full?"
-            raise BackendError(f"kernels/{file} does not build with {self.info}:\n{log}") from None
-
-    def constant(self, values: NDArray[Any]) -> Any:
-        """Copy an array to the device, read-only; an empty one becomes one zero."""
-        flags = self.cl.mem_flags.READ_ONLY | self.cl.mem_flags.COPY_HOST_PTR
-        values = np.ascontiguousarray(values if values.size else np.zeros(16, values.dtype))
-        return self.cl.Buffer(self.context, flags, hostbuf=values)
-
-    def empty(self, size: int) -> Any:
-        """Reserve bytes on the device."""
-        return self.cl.Buffer(self.context, self.cl.mem_flags.READ_WRITE, size)
-
     def trace(self, station: Station, relief: Relief | None = None) -> OpenCLLightMap:
         """Trace a station; see :meth:`Backend.trace`."""
         with self.failures():
             return OpenCLLightMap(self, station, relief or Relief.of(station))
-
-    @contextmanager
-    def failures(self) -> Iterator[None]:
-        """Say which device failed, and what to do, where the driver only has a code."""
-        try:
-            yield
-        except self.cl.MemoryError as error:
-            raise failure(self.info, error, memory=True) from None
-        except self.cl.Error as error:
-            raise failure(self.info, error) from None
 
 
 _KERNELS = {
@@ -262,7 +102,7 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
         self._sub_rays = station.camera.subsampling**2
         first, pieces = blocks(relief.grooves, station)
         records = map_records(relief.maps, station)
-        self._inputs = (
+        self._inputs: tuple[Any, ...] = (
             backend.constant(geometry_block(station)),
             backend.constant(groove_records(relief.grooves, station)),
             backend.constant(first),
@@ -271,15 +111,31 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
             np.int32(len(records)),
             backend.constant(coefficients(relief.maps)),
         )
-        per_row = self.stride * (12 * self._sub_rays + 1 + 4 * len(FUSIONS))
-        largest = self.stride * 4 * max(self._sub_rays, len(FUSIONS))
-        budget = min(backend.memory_bytes, _TILE_BYTES_MAX)
-        super().__init__(
-            station, min(budget // per_row, backend.device.max_mem_alloc_size // largest)
-        )
+        near = np.diff(first).reshape(-(-station.shape[0] // BLOCK), -1).sum(axis=1)
+        work = self.stride * (_TRACE + _MAP * len(records)) + BLOCK * _PIECE * near
+        work *= self._sub_rays * (_STEP if station.part.surface == "height" else 1)
+        self._work = np.repeat(work.astype(np.float64), BLOCK)[: station.shape[0]]
+        super().__init__(station, self._rows_at_once(station.shape[0]))
+
+    def _rows_at_once(self, rows: int) -> int:
+        """Return how many rows are traced together: all, if the memory holds them."""
+        b = self.backend
+        row = self.stride * (12 * self._sub_rays + 1)
+        room = b.memory_bytes
+        if b.device.host_unified_memory:
+            room = min(room, free_bytes() // _SHARE_OF_HOST)
+        if rows * row > room:
+            room = min(room, _TILE_BYTES)
+        largest: int = b.device.max_mem_alloc_size
+        return min(room // row, largest // (self.stride * 4 * self._sub_rays))
+
+    def release(self) -> None:
+        """See :meth:`LightMap.release`."""
+        self._inputs = ()
+        super().release()
 
     def failures(self) -> AbstractContextManager[None]:
-        """See :meth:`OpenCLBackend.failures`."""
+        """See :meth:`OpenCLDevice.failures`."""
         return self.backend.failures()
 
     def counter(self, zones: Zones, sample: Sample | None = None) -> OpenCLCounter:
@@ -292,11 +148,12 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
         plane = rows * self.stride
         light, footprint, irradiance = (b.empty(4 * plane * self._sub_rays) for _ in range(3))
         tile = PlanarTile(first_row, rows, light, footprint, irradiance, b.empty(plane))
-        b.kernel("trace.cl", "trace")(
-            b.queue, (self.stride // b.widths["trace.cl"], rows), None,
-            tile.light, tile.footprint, tile.irradiance, tile.lost,
-            *self._inputs, np.int32(first_row),
-        )  # fmt: skip
+        for some in b.launches("trace", self._work[first_row : first_row + rows]):
+            self._start(
+                "trace.cl", "trace", some,
+                tile.light, tile.footprint, tile.irradiance, tile.lost,
+                *self._inputs, np.int32(first_row), np.int32(rows),
+            )  # fmt: skip
         return tile
 
     def read_tile(
@@ -309,22 +166,24 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
         for out, buffer in zip(
             maps or (), (tile.light, tile.footprint, tile.irradiance), strict=maps is not None
         ):
-            self._copy_home(out, buffer)
+            for i, plane in enumerate(out):
+                self._copy_home(plane, buffer, i)
         self._copy_home(lost, tile.lost)
 
     def run_tile(self, tile: PlanarTile, what: str, station: Station, k: int, out: Image) -> None:
         """See :meth:`TiledLightMap.run_tile`."""
         b = self.backend
-        grey = b.empty(4 * len(out) * tile.rows * self.stride)
         design = b.constant(design_block(station))
-        for rows in self._slices(what, station, tile.rows):
-            self._enqueue(tile, what, design, k, grey, rows)
-            if rows.stop < tile.rows:
-                b.queue.finish()
-        self._copy_home(out, grey)
+        row = 4 * len(out) * self.stride
+        most = min(max(min(_BAND_BYTES, b.memory_bytes) // row, 1), tile.rows)
+        grey = b.empty(most * row)
+        for some in b.launches(what, np.full(tile.rows, self._cost(what, station)), most):
+            self._enqueue(tile, what, design, k, grey, some)
+            for i, plane in enumerate(out):
+                self._copy_home(plane[some], grey, i)
 
     def enqueue(self, tile: PlanarTile, what: str, design: Any, k: int, grey: Any) -> None:
-        """Start a kernel on a tile; its planes go to the buffer `grey`.
+        """Start a kernel on a whole tile; its planes go to the buffer `grey`.
 
         Parameters
         ----------
@@ -342,34 +201,36 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
     def _enqueue(
         self, tile: PlanarTile, what: str, design: Any, k: int, grey: Any, rows: slice
     ) -> None:
-        b = self.backend
         file, kernel = _KERNELS[what]
         more = [np.int32(tile.rows)] * (file == "sequence.cl") + [np.int32(k)] * (what == "image")
-        b.kernel(file, kernel)(
-            b.queue, (self.stride // b.widths[file], rows.stop - rows.start), None,
+        self._start(
+            file, kernel, rows,
             grey, tile.light, tile.footprint, tile.irradiance, design,
             np.int32(self._sub_rays), np.int32(tile.first_row), *more,
-            global_offset=(0, rows.start),
         )  # fmt: skip
 
-    def _slices(self, what: str, station: Station, rows: int) -> Iterator[slice]:
-        """Yield rows that take about a second together, so that Ctrl-C is answered."""
-        if what not in ("mean", "fuse"):
-            yield slice(0, rows)
-            return
-        on_gpu = self.backend.device.type & self.backend.cl.device_type.GPU
-        work = self.stride * station.sequence.images * self._sub_rays
-        work *= _NOISE_COST if station.sensor.noise else 1
-        at_once = max(_AT_ONCE * (_GPU_SPEED if on_gpu else 1) // work, 1)
-        for first in range(0, rows, at_once):
-            yield slice(first, min(first + at_once, rows))
-
-    def _copy_home(self, out: NDArray[Any], buffer: Any) -> None:
-        """Copy planes (..., rows, stride) of a buffer to out (..., rows, N)."""
+    def _start(self, file: str, kernel: str, rows: slice, *arguments: Any) -> None:
+        """Start a kernel on some rows of a tile."""
         b = self.backend
-        if out.flags.c_contiguous and out.shape[-1] == self.stride:
-            b.cl.enqueue_copy(b.queue, out, buffer)
+        size = self.stride // b.widths[file], rows.stop - rows.start
+        # Left to itself PoCL takes rows together, and compiles anew for other numbers of rows.
+        group = (b.group_of_row(file, kernel, size[0]), 1) if b.widths[file] > 1 else None
+        b.start(file, kernel, size, *arguments, offset=(0, rows.start), group=group)
+
+    def _cost(self, what: str, station: Station) -> float:
+        """Return what a row of an image costs, see `OpenCLDevice.launches`."""
+        if what == "closed_form":
+            return self.stride * _CLOSED
+        images = 1 if what == "image" else station.sequence.images
+        dear = (_FUSE if what == "fuse" else 1) * (_NOISE if station.sensor.noise else 1)
+        return float(self.stride) * self._sub_rays * images * dear
+
+    def _copy_home(self, out: NDArray[Any], buffer: Any, plane: int = 0) -> None:
+        """Copy a plane of a buffer, of rows as long as the stride, to out (rows, N)."""
+        first = plane * len(out) * self.stride * out.itemsize
+        if out.shape[1] == self.stride:
+            self.backend.copy_home(out, buffer, first)
             return
-        padded = np.empty((*out.shape[:-1], self.stride), out.dtype)
-        b.cl.enqueue_copy(b.queue, padded, buffer)
-        out[...] = padded[..., : out.shape[-1]]
+        padded = np.empty((len(out), self.stride), out.dtype)
+        self.backend.copy_home(padded, buffer, first)
+        out[...] = padded[:, : out.shape[1]]

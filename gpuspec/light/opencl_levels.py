@@ -17,9 +17,10 @@ from gpuspec.station.station import Station
 _NO_PIXEL = 0xFFFFFFFF
 _STRETCH = 16_384
 _GROUP = 256
-# Pixels times designs of one launch: a second on two slow cores, so that Ctrl-C is answered.
-_AT_ONCE = 400_000_000
 _DESIGNS_MAX = 4096
+_AT_ONCE = 1 << 28  # designs times pixels of what no launch parts: a stretch, a zone
+_BYTES = 1 << 26  # of peaks, or of ceilings, on the device
+_COST = 3  # of a pixel under a design, see `OpenCLDevice.launches`
 # A level's share by which float32 may round a bound down: a hundred times what the closed form is
 # off against float64.
 _ROUNDING = 0.02
@@ -55,6 +56,7 @@ class OpenCLCounter:
         with self._backend.failures():
             ends, places = _whole_vectors(zones, width)
             self._first = self._backend.constant(ends.astype(np.uint32))
+            self._sizes = np.diff(ends)
             self._inside = self._gathered(places)
             if sample is not None:
                 near, chosen = (_padded(p, width) for p in (sample.near, sample.chosen))
@@ -66,14 +68,6 @@ class OpenCLCounter:
                 )
                 self._region_vectors = -(-len(sample.footprint_mm) // width)
 
-    @property
-    def pixels(self) -> int:
-        """Pixels worked out for a design in closed form."""
-        if self._sample is None:
-            rows, columns = self._map.station.shape
-            return int(rows * columns)
-        return self._inside.count + sum(part.count for part in self._sample)
-
     def count(self, stations: Sequence[Station]) -> Levels:
         """See :meth:`gpuspec.light.levels.LevelCounter.count`."""
         found = Levels.empty(len(stations), len(self._zones.sizes))
@@ -82,7 +76,8 @@ class OpenCLCounter:
         for i in np.flatnonzero(~closed):
             image = self._map.aspect(stations[int(i)])
             found.put(np.array([i]), levels_of(image, self._zones, scales[i]))
-        at_once = min(max(_AT_ONCE // self.pixels, 1), _DESIGNS_MAX)
+        whole = max(_STRETCH, self._sizes.max(initial=0))
+        at_once = min(max(_AT_ONCE // whole, 1), _DESIGNS_MAX)
         for scale in np.unique(scales[closed]):
             same = np.flatnonzero(closed & (scales == scale))
             for some in np.split(same, range(at_once, len(same), at_once)):
@@ -91,67 +86,98 @@ class OpenCLCounter:
         return found
 
     def _counted(self, blocks: NDArray[np.float32], per_dn: np.float32) -> Levels:
-        b, defects = self._backend, len(self._zones.sizes)
-        with b.failures():
-            designs = b.constant(blocks)
+        with self._backend.failures():
+            designs, count = self._backend.constant(blocks), len(blocks)
             sets: list[Iterable[_PixelSet]] = [[self._inside]]
             sets += [[part] for part in self._sample] if self._sample else [self._whole()]
-            counters = [b.constant(np.zeros((len(blocks), LEVELS), np.uint32)) for _ in sets]
-            for counter, parts in zip(counters, sets, strict=True):
-                for part in parts:
-                    self._enqueue(counter, part, designs, len(blocks), per_dn)
-            peaks = np.zeros((len(blocks), defects, b.widths["sweep.cl"]), np.float32)
-            if defects:
-                highest = b.empty(peaks.nbytes)
-                b.kernel("sweep.cl", "zone_peaks")(
-                    b.queue, peaks.shape[:2], None, highest, self._inside.light,
-                    self._inside.footprint, self._inside.irradiance, designs, per_dn, self._first,
-                )  # fmt: skip
-                b.cl.enqueue_copy(b.queue, peaks, highest)
-            counts = [np.empty((len(blocks), LEVELS), np.uint32) for _ in sets]
-            for out, counter in zip(counts, counters, strict=True):
-                b.cl.enqueue_copy(b.queue, out, counter)
-            ceiling = self._ceiling(designs, len(blocks), per_dn)
-        inside, outside, *sampled = (out.astype(np.int64) for out in counts)
+            inside, outside, *sampled = (self._counts(s, designs, count, per_dn) for s in sets)
+            peaks = self._peaks(designs, count, per_dn)
+            ceiling = self._ceiling(designs, count, per_dn)
         if not sampled:  # the whole image was counted, zones included
             outside -= inside
             sampled = [np.zeros_like(inside)]
-        return Levels(inside, outside, sampled[0], peaks.max(axis=2).astype(np.int64), ceiling)
+        return Levels(inside, outside, sampled[0], peaks, ceiling)
+
+    def _counts(
+        self, parts: Iterable[_PixelSet], designs: Any, count: int, per_dn: np.float32
+    ) -> NDArray[np.int64]:
+        """Return how often each level comes under each design."""
+        b = self._backend
+        counters = b.counters(count, LEVELS)
+        items = 1
+        if b.widths["sweep.cl"] == 1:
+            items = b.group("sweep.cl", "count_levels", _GROUP)
+        for part in parts:
+            stretches = np.full(-(-part.count // _STRETCH), _COST * count * _STRETCH)
+            for some in b.launches("count_levels", stretches):
+                b.start(
+                    "sweep.cl", "count_levels", (count, (some.stop - some.start) * items),
+                    counters, part.light, part.footprint, part.irradiance, designs, per_dn,
+                    np.uint32(part.count), np.uint32(_STRETCH),
+                    offset=(0, some.start * items), group=(1, items),
+                )  # fmt: skip
+        counts = np.empty((count, LEVELS), np.uint32)
+        b.copy_home(counts, counters)
+        return counts.astype(np.int64)
+
+    def _peaks(self, designs: Any, count: int, per_dn: np.float32) -> NDArray[np.int64]:
+        """Return the highest level in each zone under each design."""
+        inside = self._inside
+        highest = self._by_zone(
+            "zone_peaks", count, _COST * count * (self._sizes + 1),
+            inside.light, inside.footprint, inside.irradiance, designs, per_dn, self._first,
+        )  # fmt: skip
+        return np.concatenate([np.empty((count, 0)), *highest], axis=1).astype(np.int64)
 
     def _ceiling(self, designs: Any, count: int, per_dn: np.float32) -> NDArray[np.int64]:
         """Return the level that no pixel of the strata is above."""
         if self._sample is None:
             return np.zeros(count, np.int64)
-        b = self._backend
-        highest = np.empty((count, self._region_vectors * b.widths["sweep.cl"]), np.float32)
-        buffer = b.empty(highest.nbytes)
-        b.kernel("sweep.cl", "ceilings")(
-            b.queue, (count, self._region_vectors), None, buffer, *self._regions, designs, per_dn
+        vectors = np.full(self._region_vectors, _COST * count * self._backend.widths["sweep.cl"])
+        highest = np.max(
+            [
+                some.max(axis=1)
+                for some in self._by_zone(
+                    "ceilings", count, vectors, *self._regions, designs, per_dn
+                )
+            ],
+            axis=0,
         )
-        b.cl.enqueue_copy(b.queue, highest, buffer)
-        ceiling = np.ceil(highest.max(axis=1) + _ROUNDING).astype(np.int64)
-        bounded: NDArray[np.int64] = np.clip(ceiling, 1, LEVELS - 1)
-        return bounded
+        bounded: NDArray[np.int64] = np.ceil(highest + _ROUNDING).astype(np.int64)
+        return np.clip(bounded, 1, LEVELS - 1)
+
+    def _by_zone(
+        self, kernel: str, count: int, work: NDArray[Any], *arguments: Any
+    ) -> Iterator[NDArray[np.float32]]:
+        """Yield what a kernel finds highest under each design, (designs, zones), some zones a time.
+
+        Parameters
+        ----------
+        kernel : str
+            One work-item for a design and a zone, or for a design and a vector of regions.
+        count : int
+            Number of designs.
+        work : ndarray, shape (zones,)
+            See `OpenCLDevice.launches`.
+        *arguments
+            Of the kernel, after the buffer of what it finds.
+        """
+        b = self._backend
+        width = b.widths["sweep.cl"]
+        most = max(_BYTES // (4 * count * width), 1)
+        buffer = b.empty(4 * count * width * min(most, max(len(work), 1)))
+        for some in b.launches(kernel, work, most):
+            zones = some.stop - some.start
+            b.start("sweep.cl", kernel, (count, zones), buffer, *arguments, offset=(0, some.start))
+            lanes = np.empty((count, zones, width), np.float32)
+            b.copy_home(lanes, buffer)
+            yield lanes.max(axis=2)
 
     def _whole(self) -> Iterator[_PixelSet]:
         """Yield the whole light map, tile by tile; what pads a row sees no light."""
         for tile, _ in self._map.bands():
             size = tile.rows * self._map.stride
             yield _PixelSet(tile.light, tile.footprint, tile.irradiance, size)
-
-    def _enqueue(
-        self, counter: Any, pixels: _PixelSet, designs: Any, count: int, per_dn: np.float32
-    ) -> None:
-        b = self._backend
-        stretches = -(-pixels.count // _STRETCH)
-        size, group = ((count, stretches), (1, 1))
-        if b.widths["sweep.cl"] == 1:
-            size, group = ((count, stretches * _GROUP), (1, _GROUP))
-        if stretches:
-            b.kernel("sweep.cl", "count_levels")(
-                b.queue, size, group, counter, pixels.light, pixels.footprint, pixels.irradiance,
-                designs, per_dn, np.uint32(pixels.count), np.uint32(_STRETCH),
-            )  # fmt: skip
 
     def _gathered(self, pixels: Pixels) -> _PixelSet:
         """Put pixels of the light map, by flat index into the image, side by side."""
@@ -162,8 +188,8 @@ class OpenCLCounter:
             here = (row >= rows.start) & (row < rows.stop) & (pixels != _NO_PIXEL)
             at = np.where(here, (row - rows.start) * self._map.stride + column, _NO_PIXEL)
             if len(pixels):
-                b.kernel("sweep.cl", "gather_pixels")(
-                    b.queue, (len(pixels),), None, *parts,
+                b.start(
+                    "sweep.cl", "gather_pixels", (len(pixels),), *parts,
                     tile.light, tile.footprint, tile.irradiance, b.constant(at.astype(np.uint32)),
                     np.int32(rows.start == 0),
                 )  # fmt: skip

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from itertools import count
+from threading import RLock
 from typing import Any
 from weakref import finalize
 
@@ -92,7 +93,7 @@ def _describe(context: Any) -> DeviceInfo:
 
 
 class OpenGLBackend(Backend):
-    """One OpenGL context with its programs; for one thread at a time.
+    """One OpenGL context with its programs; threads take turns.
 
     Parameters
     ----------
@@ -122,6 +123,7 @@ class OpenGLBackend(Backend):
 
         self.gl = moderngl
         self._entered = False
+        self._turn = RLock()
         finalize(self, self.context.release)
         self.info = _describe(self.context)
         self.memory_bytes = memory_bytes or _TILE_BYTES_MAX
@@ -263,15 +265,16 @@ class OpenGLBackend(Backend):
     @contextmanager
     def _current(self) -> Iterator[None]:
         """Make the context current. A second time within would leave none current after it."""
-        if self._entered:
-            yield
-            return
-        with self.context:
-            self._entered = True
-            try:
+        with self._turn:  # a context is current in one thread at a time
+            if self._entered:
                 yield
-            finally:
-                self._entered = False
+                return
+            with self.context:
+                self._entered = True
+                try:
+                    yield
+                finally:
+                    self._entered = False
 
     @contextmanager
     def failures(self) -> Iterator[None]:
@@ -344,6 +347,15 @@ class OpenGLLightMap(ShaderLightMap[_Tile]):
             station,
             min(budget // per_row, backend.texture_size // (self._wraps * self._sub_rays)),
         )
+
+    def release(self) -> None:
+        """See :meth:`LightMap.release`."""
+        self._lists = {}
+        super().release()
+        b = self._backend
+        with self.failures():  # the context holds what was drawn last
+            b.context.framebuffer([b.target((1, 1), 1)]).use()
+            b.context.gc()
 
     def failures(self) -> AbstractContextManager[None]:
         """See :meth:`OpenGLBackend.failures`."""

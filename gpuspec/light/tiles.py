@@ -64,6 +64,11 @@ class TiledLightMap(LightMap, Generic[Tile]):
         self._tile_rows = min(max(int(tile_rows), 1), rows)
         self._kept = [self.trace_tile(0, rows)] if self._tile_rows == rows else []
 
+    def release(self) -> None:
+        """See :meth:`LightMap.release`. What another pattern lights still holds its own."""
+        self._kept = []
+        super().release()
+
     @abstractmethod
     def trace_tile(self, first_row: int, rows: int) -> Tile:
         """Trace some rows of the image; they stay on the device.
@@ -118,6 +123,7 @@ class TiledLightMap(LightMap, Generic[Tile]):
 
     def bands(self) -> Iterator[tuple[Tile, slice]]:
         """Yield each tile and its rows."""
+        self.held()
         total = self.station.shape[0]
         if self._kept:
             yield self._kept[0], slice(0, total)
@@ -184,6 +190,7 @@ class ShaderLightMap(TiledLightMap[Tile]):
 
     def with_pattern(self, pattern: Pattern) -> ShaderLightMap[Tile]:
         """See :meth:`LightMap.with_pattern`."""
+        self.held()
         lit = copy(self)
         lit.pattern = pattern
         try:

@@ -11,6 +11,7 @@ import re
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -151,6 +152,7 @@ class VulkanBackend(Backend):
             raise DeviceError(f"vulkan: {self.info.device} does not open ({error}).") from None
         self._pipelines: dict[tuple[str, tuple[str, ...], Pattern | None], Any] = {}
         self._staging: Any = None
+        self._turn = Lock()
 
     def pipeline(self, file: str, *defines: str, pattern: Pattern | None = None) -> Any:
         """Return the pipeline of a shader of `shaders/`, compiled when first asked for.
@@ -271,7 +273,8 @@ class VulkanBackend(Backend):
         buffer : GPUBuffer
         """
         size = out.size * 4
-        staging, self._staging = self._staging, None  # one left mapped by Ctrl-C is not used again
+        with self._turn:
+            staging, self._staging = self._staging, None  # one left mapped by Ctrl-C is lost
         if staging is None or staging.size < size:
             usage = self.wgpu.BufferUsage.MAP_READ | self.wgpu.BufferUsage.COPY_DST
             staging = self.device.create_buffer(size=size, usage=usage)
@@ -365,7 +368,7 @@ class VulkanLightMap(ShaderLightMap[PlanarTile]):
                 f"{backend.info.device} binds; use fewer or smaller defects and maps, or "
                 f"--backend numpy."
             )
-        self._inputs = tuple(backend.constant(values) for values in inputs)
+        self._inputs: tuple[Any, ...] = tuple(backend.constant(values) for values in inputs)
         self._geometry = backend.constant(geometry_block(station), uniform=True)
         self._tracer = (
             *(("GROOVES",) if len(relief.grooves) else ()),
@@ -376,6 +379,11 @@ class VulkanLightMap(ShaderLightMap[PlanarTile]):
         largest_row = 4 * self._columns * max(self._sub_rays, len(FUSIONS))
         budget = min(backend.memory_bytes, _TILE_BYTES_MAX)
         super().__init__(station, min(budget // per_row, binding // largest_row, _GROUPS_MAX))
+
+    def release(self) -> None:
+        """See :meth:`LightMap.release`."""
+        self._inputs = ()
+        super().release()
 
     def failures(self) -> AbstractContextManager[None]:
         """See :meth:`VulkanBackend.failures`."""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-import os
 
 from gpuspec.errors import StationError
+from gpuspec.host import free_bytes
 from gpuspec.station.station import Station
 from gpuspec.topographies.file import size_mm
 
@@ -29,7 +29,7 @@ def check_memory(station: Station) -> None:
         size_mm(relief, station.locate(relief.file), station.file)
     rows, columns = station.shape
     needed = rows * columns * _BYTES_PER_PIXEL
-    available = _available_bytes()
+    available = free_bytes()
     if needed > available:
         camera = station.camera
         if camera.columns or camera.rows:
@@ -47,14 +47,3 @@ def check_memory(station: Station) -> None:
 def _two_digits_up(value: float) -> float:
     exponent = 1 - math.floor(math.log10(value))
     return math.ceil(value * 10.0**exponent) / 10.0**exponent
-
-
-def _available_bytes() -> int:
-    try:
-        with open("/proc/meminfo", encoding="ascii") as lines:  # noqa: PTH123
-            for line in lines:
-                if line.startswith("MemAvailable"):
-                    return int(line.split()[1]) * 1024
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (OSError, ValueError, AttributeError):
-        return 2**63

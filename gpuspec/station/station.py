@@ -504,6 +504,12 @@ class Station(Section):
                 "opening) or both be larger than zero"
             )
         rows, columns = self.shape
+        if max(rows, columns) > 2**24:
+            raise ValueError(
+                f"camera.sampling_mm = {camera.sampling_mm:g} makes an image of {columns} x {rows} "
+                f"pixels, more than 16,777,216 on a side; sample more coarsely or set "
+                f"camera.columns and camera.rows"
+            )
         if rows * columns > 2**31 - 1:
             raise ValueError(
                 f"camera.sampling_mm = {camera.sampling_mm:g} makes an image of {columns} x {rows} "

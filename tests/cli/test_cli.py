@@ -21,7 +21,7 @@ import gpuspec
 from gpuspec import files
 from gpuspec.cli import main as cli
 from gpuspec.cli.options import changed
-from gpuspec.light import opencl, sources
+from gpuspec.light import opencl, opencl_device, sources
 from gpuspec.light.devices import BACKENDS, open_backend
 from gpuspec.report.folder import FILES
 from gpuspec.simulation import memory
@@ -308,7 +308,7 @@ def test_a_backend_asked_for_is_the_one_recorded(gpuspec_, backend):
 
 
 def test_a_device_is_taken_by_number_and_by_name(gpuspec_):
-    name = opencl.devices()[0].name.strip()
+    name = opencl_device.devices()[0].name.strip()
     for device in ("0", name, name[2:7].lower()):
         ran = gpuspec_("simulate", "s.toml", "--no-pictures", "--device", device)
         assert ran.code == 0
@@ -455,7 +455,7 @@ def test_a_linked_folder_is_written_where_it_leads(gpuspec_):
 
 
 def test_an_image_beyond_the_memory_is_refused_before_any_work(gpuspec_, monkeypatch):
-    monkeypatch.setattr(memory, "_available_bytes", lambda: 2**30)
+    monkeypatch.setattr(memory, "free_bytes", lambda: 2**30)
     told = said(
         gpuspec_(
             "simulate", "s.toml", "--set", "camera.columns=40000", "--set", "camera.rows=25000"

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import sys
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from scenes import check_station
 
 from gpuspec.errors import BackendError
-from gpuspec.light import opencl as opencl_module
 from gpuspec.light.backend import chosen
+from gpuspec.light.levels import Zones
 from gpuspec.light.light_map import LightMapArrays, has_closed_form
 from gpuspec.light.opencl import OpenCLBackend
+from gpuspec.light.opencl_device import FILES, LAUNCH_SECONDS
 from gpuspec.station.station import Station
 
 
@@ -51,20 +56,141 @@ def test_a_device_short_of_memory_works_in_tiles(opencl):
         assert np.array_equal(light_map.lost(), whole.lost())
 
 
+def launches_of(device: OpenCLBackend, monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
+    """Count the launches of a device from now on, kernel by kernel."""
+    counted: Counter[str] = Counter()
+    real = device.start
+
+    def start(file: str, name: str, *arguments, **places) -> None:
+        counted[name] += 1
+        real(file, name, *arguments, **places)
+
+    monkeypatch.setattr(device, "start", start)
+    return counted
+
+
 @pytest.mark.parametrize("noise", [False, True])
 @pytest.mark.parametrize("subsampling", [1, 2])
-def test_many_images_are_worked_out_in_slices_with_the_same_result_to_the_bit(
-    opencl, monkeypatch, noise, subsampling
+def test_work_is_done_launch_by_launch_with_the_same_result_to_the_bit(
+    monkeypatch, noise, subsampling
 ):
     station = check_station(camera__subsampling=subsampling, sensor__noise=noise)
-    light_map = opencl.trace(station)
-    mean, fused = light_map.mean(), light_map.fuse()
-    work = station.shape[1] * station.sequence.images * subsampling**2
-    monkeypatch.setattr(opencl_module, "_AT_ONCE", 5 * work * (16 if noise else 1))
-    assert len(list(light_map._slices("mean", station, station.shape[0]))) > 2
-    assert np.array_equal(light_map.mean(), mean)
+    device = OpenCLBackend()
+
+    def made() -> list[np.ndarray]:
+        light_map = device.trace(station)
+        arrays = light_map.read()
+        images = [light_map.mean(), *light_map.fuse().values(), light_map.image(3)]
+        if subsampling == 1:
+            images.append(light_map.closed_form())
+        return [arrays.light_mm, arrays.footprint_mm, arrays.irradiance, arrays.lost, *images]
+
+    whole = made()
+    monkeypatch.setattr("gpuspec.light.opencl_device.LAUNCH_SECONDS", 1e-7)
+    monkeypatch.setattr(device, "_work", {})
+    monkeypatch.setattr("gpuspec.light.opencl_device._FIRST_WORK", 5.0)
+    counted = launches_of(device, monkeypatch)
+    for one, other in zip(whole, made(), strict=True):
+        assert np.array_equal(one, other)
+    for kernel in ("trace", "image_at", "mean_of_images", "fuse_images"):
+        assert counted[kernel] == station.shape[0]
+    assert counted["aspect"] == (station.shape[0] if subsampling == 1 else 0)
+
+
+def test_a_program_is_built_once_a_file(monkeypatch):
+    device = OpenCLBackend()
+    built = []
+    real = device.program
+
+    def program(source: str, file: str, *width: int):
+        built.append(file)
+        return real(source, file, *width)
+
+    monkeypatch.setattr(device, "program", program)
+    station = check_station()
+    for _ in range(2):
+        light_map = device.trace(station)
+        light_map.image(0), light_map.mean(), light_map.fuse(), light_map.closed_form()
+        zone = np.ones(station.shape, np.int32)
+        light_map.counter(Zones.of(zone, zone == 1, 1)).count([station])
+    assert sorted(built) == sorted(FILES)
+
+
+def test_an_image_is_made_in_bands_of_a_light_map_that_is_kept(opencl, monkeypatch):
+    """The light map takes the memory it takes; its images take none beside it to speak of."""
+    station = check_station()
+    whole = opencl.trace(station)
+    device = OpenCLBackend(memory_bytes=13 * opencl.width * np.prod(station.shape))
+    light_map = device.trace(station)
+    monkeypatch.setattr("gpuspec.light.opencl._BAND_BYTES", 3 * 5 * 4 * light_map.stride)
+    counted = launches_of(device, monkeypatch)
+    assert light_map.tiles == 1
     for name, image in light_map.fuse().items():
-        assert np.array_equal(image, fused[name])
+        assert np.array_equal(image, whole.fuse()[name])
+    assert counted == {"fuse_images": -(-station.shape[0] // 3)}
+    assert np.array_equal(light_map.closed_form(), whole.closed_form())
+    assert counted["trace"] == 0
+
+
+def test_a_light_map_is_kept_whatever_its_size_as_far_as_the_memory_allows():
+    station = check_station()
+    rows = station.shape[0]
+    device = OpenCLBackend()
+    stride = device.trace(station).stride
+    for missing in (0, 1):
+        device.memory_bytes = 13 * stride * rows - missing
+        assert device.trace(station).tiles == 1 + missing
+
+
+def test_a_light_map_in_the_hosts_memory_leaves_a_run_the_rest(opencl, monkeypatch):
+    """On a CPU; a light map that does not fit is done in tiles of at most a gibibyte."""
+    station = check_station()
+    rows, stride = station.shape[0], opencl.trace(station).stride
+    assert opencl.device.host_unified_memory
+    for missing in (0, 1):
+        free = 4 * (13 * stride * rows - missing)
+        monkeypatch.setattr("gpuspec.light.opencl.free_bytes", lambda free=free: free)
+        assert opencl.trace(station).tiles == 1 + missing
+    monkeypatch.setattr("gpuspec.light.opencl._TILE_BYTES", 13 * stride * 5)
+    assert opencl.trace(station).tiles == -(-rows // 5)
+
+
+def test_a_launch_lasts_about_as_long_as_it_should(opencl, monkeypatch):
+    """By a clock under which a unit of work takes as long as is said here."""
+    now = [0.0]
+    monkeypatch.setattr("gpuspec.light.opencl_device.perf_counter", lambda: now[0])
+    for speed in (1e8, 1e10, 1e12):
+        monkeypatch.setattr(opencl, "_work", {})
+        spans = []
+        rows = np.full(200_000, speed / 1000)
+        for some in opencl.launches("a kernel", rows):
+            spans.append(float(rows[some].sum()) / speed)
+            now[0] += spans[-1]
+        assert sum(spans) == pytest.approx(200)
+        settled = spans[5:-1]  # growth is eightfold at most
+        assert min(settled) > 0.9 * LAUNCH_SECONDS
+        assert max(settled) < 1.1 * LAUNCH_SECONDS
+
+
+def test_a_short_launch_says_how_long_one_may_be_only_if_it_lasted(opencl, monkeypatch):
+    """A launch of little work takes its time to start, which is no measure of the device."""
+    now = [0.0]
+    monkeypatch.setattr("gpuspec.light.opencl_device.perf_counter", lambda: now[0])
+    monkeypatch.setattr(opencl, "_work", {})
+
+    def first_of_many() -> float:
+        rows = np.full(10_000, 1e6)
+        return 1e6 * next(opencl.launches("a kernel", rows)).stop
+
+    def little(seconds: float) -> None:
+        for _ in opencl.launches("a kernel", [10.0, 10.0]):
+            now[0] += seconds
+
+    unknown = first_of_many()
+    little(1e-3)
+    assert first_of_many() == unknown
+    little(2.0)
+    assert first_of_many() == unknown / 100  # and no less, whatever was waited for
 
 
 @pytest.mark.parametrize("method", ["trace", "aspect", "read", "lost"])
@@ -107,3 +233,30 @@ def test_a_device_is_chosen_by_number_or_by_part_of_its_name(wanted, number):
 def test_a_device_that_is_not_there_is_answered_with_those_that_are(wanted):
     with pytest.raises(BackendError, match=r"no device .* from 0 \(NVIDIA GeForce\), 1 \(AMD"):
         chosen("vulkan", ["NVIDIA GeForce", "AMD Radeon"], wanted)
+
+
+def test_threads_share_a_device(device_backend):
+    """Each gets its own images, though all start the same kernels on one light map."""
+    station = check_station(sequence__images=7)
+    light_map = device_backend.trace(station)
+
+    def made(exposure: float) -> list[np.ndarray]:
+        design = station.replace(sensor__exposure=exposure)
+        own = device_backend.trace(design)
+        return [
+            light_map.closed_form(design), light_map.image(3, design), own.mean(), own.lost(),
+            *light_map.fuse(design).values(),
+        ]  # fmt: skip
+
+    exposures = np.linspace(0.5, 6.0, 36)
+    alone = [made(exposure) for exposure in exposures]
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(6) as threads:
+            together = list(threads.map(made, exposures))
+    finally:
+        sys.setswitchinterval(interval)
+    for ours, theirs in zip(alone, together, strict=True):
+        for one, other in zip(ours, theirs, strict=True):
+            assert np.array_equal(one, other)

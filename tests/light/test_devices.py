@@ -6,6 +6,8 @@ import json
 import os
 import sys
 import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,7 @@ from commandline import UNKNOWN_CPU, program, said
 
 from gpuspec import cache
 from gpuspec.errors import BackendError, DeviceError, DeviceWarning
-from gpuspec.light import device_test, devices, intel, pocl, proof
+from gpuspec.light import device_test, devices, intel, opencl_device, pocl, proof
 from gpuspec.light import opencl as opencl_module
 from gpuspec.light.device_test import COPY, FILES, ROWS
 from gpuspec.light.devices import BACKENDS, DeviceReport, Found, fastest, open_backend, survey
@@ -29,7 +31,7 @@ def without_opencl(monkeypatch):
     def absent() -> list[Any]:
         raise BackendError("opencl: no OpenCL platform found; install one.")
 
-    monkeypatch.setattr(opencl_module, "devices", absent)
+    monkeypatch.setattr(opencl_device, "devices", absent)
 
 
 def test_auto_takes_the_first_that_opens():
@@ -110,7 +112,7 @@ def test_the_survey_marks_what_auto_takes(opencl):
     others = [entry.remark for entry in found if entry not in chosen]
     assert set(others) == {f"auto takes {chosen[0].backend} first"}
     assert [entry.number for entry in found if entry.backend == "opencl"] == list(
-        range(len(opencl_module.devices()))
+        range(len(opencl_device.devices()))
     )
 
 
@@ -162,8 +164,8 @@ def test_a_device_that_does_not_compute_is_left_for_the_next_backend_in_one_line
 
 
 def test_the_next_device_of_a_backend_is_taken_in_place_of_one_that_fails(monkeypatch, forgotten):
-    both = opencl_module.devices() * 2
-    monkeypatch.setattr(opencl_module, "devices", lambda: both)
+    both = opencl_device.devices() * 2
+    monkeypatch.setattr(opencl_device, "devices", lambda: both)
 
     def ask(what: str, backend: Any, settings: Any) -> dict[str, Any]:
         if backend.number == 0:
@@ -231,7 +233,7 @@ def test_what_is_remembered_is_so_per_version_of_the_driver(forgotten, opencl):
     proof.remember(opencl, {"widths": {}})
     assert proof.remembered(opencl) == {"widths": {}}
     other = OpenCLBackend()
-    other.info = opencl_module.DeviceInfo("opencl", opencl.info.device, opencl.info.driver, "2")
+    other.info = opencl_device.DeviceInfo("opencl", opencl.info.device, opencl.info.driver, "2")
     assert proof.remembered(other) is None
     proof.remember(opencl, None)
     assert proof.remembered(opencl) is None
@@ -287,15 +289,15 @@ def test_in_a_frozen_program_the_device_is_tried_in_the_process_itself(forgotten
 
 def test_settings_without_vectors_give_the_same_image_within_rounding(opencl, monkeypatch):
     narrow = OpenCLBackend()
-    narrow.settle({"widths": dict.fromkeys(opencl_module.FILES, 1)})
+    narrow.settle({"widths": dict.fromkeys(opencl_device.FILES, 1)})
     assert narrow.width == 1
     assert proof.difference(narrow) <= proof.LARGEST_DN
 
 
-@pytest.mark.parametrize("file", opencl_module.FILES)
+@pytest.mark.parametrize("file", opencl_device.FILES)
 def test_each_kernel_file_may_have_a_width_of_its_own(file, opencl):
     mixed = OpenCLBackend()
-    mixed.settle({"widths": {**dict.fromkeys(opencl_module.FILES, VECTOR), file: 1}})
+    mixed.settle({"widths": {**dict.fromkeys(opencl_device.FILES, VECTOR), file: 1}})
     assert mixed.width == VECTOR
     station = opencl_module.Station.from_dict(proof.STATION)
     light_map, usual = mixed.trace(station), opencl.trace(station)
@@ -469,12 +471,12 @@ def test_the_usual_cache_is_used_where_it_can_be(monkeypatch, tmp_path, fresh_ca
 
 
 def test_the_fastest_settings_are_taken_kernel_by_kernel():
-    wide, narrow = ({"widths": dict.fromkeys(opencl_module.FILES, width)} for width in (8, 1))
+    wide, narrow = ({"widths": dict.fromkeys(opencl_device.FILES, width)} for width in (8, 1))
     slow = dict.fromkeys(ROWS, 10.0)
     best, ms = fastest([(wide, slow), (narrow, {**slow, "closed form": 3.0, "trace": 9.5})])
     assert best["widths"] == {**wide["widths"], "aspect.cl": 1}
     assert ms == {**slow, "closed form": 3.0}
-    assert set(FILES.values()) == set(opencl_module.FILES)
+    assert set(FILES.values()) == set(opencl_device.FILES)
 
 
 @pytest.fixture
@@ -515,7 +517,7 @@ def test_a_tests_report_holds_every_device_and_what_it_takes(gpuspec_, small, fo
 
 
 def _tested(number: int, failure: str) -> DeviceReport:
-    info = opencl_module.DeviceInfo("opencl", f"device {number}", "driver", "1")
+    info = opencl_device.DeviceInfo("opencl", f"device {number}", "driver", "1")
     ms = {} if failure else dict.fromkeys(ROWS, 2.0)
     found = Found("opencl", info, number, "", computes=True, chosen=not number)
     return DeviceReport(found, None if failure else 0.002, ms, {}, failure)
@@ -531,3 +533,35 @@ def test_a_test_ends_with_an_error_if_what_auto_chooses_fails(failing, code, gpu
     assert "it cannot add." in ran.out
     assert "0.00200 DN" in ran.out
     assert ("what auto chooses fails: it cannot add." in ran.err) is bool(code)
+
+
+@dataclass(frozen=True)
+class Lacking:
+    """A device, of which something is not so."""
+
+    device: Any
+    changes: Mapping[str, int]
+
+    def __getattr__(self, name: str) -> Any:
+        return self.changes[name] if name in self.changes else getattr(self.device, name)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"available": 0}, "is not available"),
+        ({"compiler_available": 0}, "has no compiler"),
+        ({"local_mem_size": 1024}, "has 1,024 bytes of local memory"),
+    ],
+)
+def test_a_device_that_cannot_compute_is_left_out_with_the_reason(
+    opencl, monkeypatch, changes, said
+):
+    name = opencl.info.device
+    lacking = Lacking(opencl.device, changes)
+    monkeypatch.setattr(opencl_device, "devices", lambda: [lacking])
+    with pytest.raises(DeviceError, match=f"opencl: {name} {said}"):
+        open_backend("opencl")
+    monkeypatch.setattr(opencl_device, "devices", lambda: [lacking, opencl.device])
+    with pytest.warns(DeviceWarning, match=said):
+        assert open_backend("opencl").number == 1

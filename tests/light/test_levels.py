@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenes import part_with
@@ -11,6 +13,7 @@ from gpuspec.detection.segmentation import segment
 from gpuspec.light.backend import Backend
 from gpuspec.light.levels import LEVELS, Levels, Zones, levels_of, levels_per_dn, thresholds
 from gpuspec.light.opencl import OpenCLBackend
+from gpuspec.light.records import design_block
 from gpuspec.simulation.simulate import Traced, trace
 from gpuspec.station.station import Station
 from gpuspec.sweeps.trying.curves import Curves
@@ -160,14 +163,52 @@ def test_tiles_and_batches_count_the_same(opencl, monkeypatch):
     whole, tiled = (
         (traced.light_map, traced.light_map.counter(zones_of(traced)).count(tried))
         for traced in (
-            trace(station(), opencl), trace(station(), OpenCLBackend(memory_bytes=150_000))
+            trace(station(), opencl), trace(station(), OpenCLBackend(memory_bytes=60_000))
         )
     )  # fmt: skip
     assert tiled[0].tiles > 1
     assert_same(tiled[1], whole[1])
-    monkeypatch.setattr("gpuspec.light.opencl_levels._AT_ONCE", 1)
-    traced = trace(station(), opencl)
-    assert_same(traced.light_map.counter(zones_of(traced)).count(tried), whole[1])
+    for engine in (OpenCLBackend(), scalar()):
+        traced = trace(station(), engine)
+        monkeypatch.setattr("gpuspec.light.opencl_levels._AT_ONCE", 4000)
+        monkeypatch.setattr("gpuspec.light.opencl_levels._STRETCH", 1000)
+        monkeypatch.setattr("gpuspec.light.opencl_levels._BYTES", 100)
+        monkeypatch.setattr("gpuspec.light.opencl_device.LAUNCH_SECONDS", 1e-7)
+        monkeypatch.setattr("gpuspec.light.opencl_device._FIRST_WORK", 1.0)
+        monkeypatch.setattr(engine, "_work", {})
+        assert_same(traced.light_map.counter(zones_of(traced)).count(tried), whole[1])
+
+
+def test_peaks_and_ceilings_have_a_budget_of_memory(monkeypatch):
+    device = OpenCLBackend()
+    traced, zones, drawn = sampled(device, station(), 700)
+    counter = traced.light_map.counter(zones, drawn)
+    tried = [station()] * 7
+    expected = counter.count(tried)
+    budget = 2 * 4 * len(tried) * device.width  # of two zones, or of two vectors of regions
+    monkeypatch.setattr("gpuspec.light.opencl_levels._BYTES", budget)
+    taken = []
+    real = device.empty
+    monkeypatch.setattr(device, "empty", lambda size: taken.append(size) or real(size))
+    assert_same(counter.count(tried), expected)
+    assert taken
+    assert max(taken) <= budget
+
+
+@pytest.mark.parametrize("engine", [OpenCLBackend, scalar])
+def test_no_level_leaves_the_counters(engine):
+    """Whatever a pixel's grey level: what is no number counts as dark, what is too high as 255."""
+    device = engine()
+    traced = trace(station(), device)
+    counter = traced.light_map.counter(zones_of(traced))
+    light = np.tile(np.array([np.nan, np.inf, -np.inf, 1e30], np.float32), counter._inside.count)
+    counter._inside = replace(counter._inside, irradiance=device.constant(light))
+    block = design_block(station())[None]
+    for per_dn in (np.float32(1), np.float32(1e6), np.float32(np.nan)):
+        found = counter._counted(block, per_dn)
+        assert found.inside.sum() == counter._inside.count
+        assert ((found.peaks >= 0) & (found.peaks < LEVELS)).all()
+    assert found.inside[0, 0] == counter._inside.count
 
 
 def test_a_mean_a_last_bit_above_full_scale_has_the_highest_level():

@@ -776,7 +776,7 @@ def test_a_part_takes_the_size_of_its_map_where_it_states_none(folder):
 def test_a_map_that_cannot_be_read_is_told_before_the_size_it_would_have_given(
     tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(memory, "_available_bytes", lambda: 1000)
+    monkeypatch.setattr(memory, "free_bytes", lambda: 1000)
     for file, keys, why in (
         ("nowhere.npy", {}, 'part.relief.file = "nowhere.npy" is not there'),
         ("x.npy", {"height_unit": None}, "give part.relief.height_unit"),

@@ -331,7 +331,7 @@ def refused(chosen: Station, backend="numpy") -> str:
 
 
 def test_an_image_beyond_the_memory_is_refused_before_any_work(monkeypatch):
-    monkeypatch.setattr(memory, "_available_bytes", lambda: 2**30)
+    monkeypatch.setattr(memory, "free_bytes", lambda: 2**30)
     for name in ("Relief", "Truth", "open_backend"):
         monkeypatch.setattr(inspection, name, None)
     message = refused(Station().replace(camera__sampling_mm=0.003))
@@ -341,7 +341,7 @@ def test_an_image_beyond_the_memory_is_refused_before_any_work(monkeypatch):
 @pytest.mark.parametrize("size", [(200.0, 50.0), (199.7, 33.3), (1000.0, 3.0)])
 @pytest.mark.parametrize("gigabytes", [0.05, 0.7, 1.0, 3.3])
 def test_the_sampling_that_is_suggested_fits(monkeypatch, size, gigabytes: float):
-    monkeypatch.setattr(memory, "_available_bytes", lambda: int(gigabytes * 2**30))
+    monkeypatch.setattr(memory, "free_bytes", lambda: int(gigabytes * 2**30))
     fine = Station().replace(
         part__length_mm=size[0], part__width_mm=size[1], camera__sampling_mm=0.0025
     )
@@ -353,11 +353,11 @@ def test_the_sampling_that_is_suggested_fits(monkeypatch, size, gigabytes: float
 
 
 def test_no_sampling_is_suggested_where_the_image_size_is_stated(monkeypatch):
-    monkeypatch.setattr(memory, "_available_bytes", lambda: 2**30)
+    monkeypatch.setattr(memory, "free_bytes", lambda: 2**30)
     message = refused(Station().replace(camera__columns=40_000, camera__rows=40_000))
     assert "set smaller camera.columns and camera.rows." in message
     assert "fits" not in message
 
 
 def test_this_machine_says_how_much_memory_is_free():
-    assert 2**20 < memory._available_bytes() <= 2**63
+    assert 2**20 < memory.free_bytes() <= 2**63

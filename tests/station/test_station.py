@@ -323,6 +323,10 @@ WRONG = {
         "[camera]\nsampling_mm = 1e-4",
         "camera.sampling_mm = 0.0001 makes an image of 2000000 x 500000 pixels, more than",
     ),
+    "columns beyond float32": (
+        "[part]\nlength_mm = 20000\nwidth_mm = 0.01\n[camera]\nsampling_mm = 0.001",
+        "camera.sampling_mm = 0.001 makes an image of 20000000 x 10 pixels, more than 16,777,216",
+    ),
     "lag of all images": (
         '[sequence]\nfusion = "differential"\nlag = 40',
         "sequence.lag = 40 must be smaller than sequence.images = 40.",

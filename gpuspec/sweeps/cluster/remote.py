@@ -15,7 +15,7 @@ from filelock import FileLock, Timeout
 
 from gpuspec.light.backend import Backend
 from gpuspec.light.devices import open_backend
-from gpuspec.light.opencl import gpu_count
+from gpuspec.light.opencl_device import gpu_count
 from gpuspec.station.station import Station
 from gpuspec.sweeps.plan import Plan
 from gpuspec.sweeps.trying.bench import Bench
