@@ -167,6 +167,13 @@ class OpenCLDevice:
     def kernel(self, file: str, name: str) -> Any:
         """Return a kernel of `kernels/`, its file built when first asked for.
 
+        Parameters
+        ----------
+        file : str
+            In `kernels/`.
+        name : str
+            Of the kernel in it.
+
         Raises
         ------
         BackendError
@@ -229,7 +236,16 @@ class OpenCLDevice:
         return self.cl.Buffer(self.context, self.cl.mem_flags.READ_WRITE, size)
 
     def copy_home(self, out: NDArray[Any], buffer: Any, first: int = 0) -> None:
-        """Wait for a buffer, and fill a contiguous array with its bytes from `first` on."""
+        """Wait for a buffer, and fill a contiguous array with its bytes from `first` on.
+
+        Parameters
+        ----------
+        out : ndarray
+            Contiguous.
+        buffer : Buffer
+        first : int
+            Byte of the buffer.
+        """
         self.cl.enqueue_copy(self.queue, out, buffer, src_offset=first)
 
     def start(
@@ -260,14 +276,33 @@ class OpenCLDevice:
             self.kernel(file, name)(self.queue, size, group, *arguments, global_offset=offset)
 
     def group(self, file: str, name: str, wanted: int) -> int:
-        """Return how many work-items a group of a kernel may have, `wanted` at most."""
+        """Return how many work-items a group of a kernel may have, `wanted` at most.
+
+        Parameters
+        ----------
+        file : str
+            In `kernels/`.
+        name : str
+            Of the kernel in it.
+        wanted : int
+        """
         most = self.kernel(file, name).get_work_group_info(
             self.cl.kernel_work_group_info.WORK_GROUP_SIZE, self.device
         )
         return max(min(wanted, int(most), *map(int, self.device.max_work_item_sizes[:2])), 1)
 
     def group_of_row(self, file: str, name: str, items: int) -> int:
-        """Return the most work-items of a group of a kernel that divide a row of so many."""
+        """Return the most work-items of a group of a kernel that divide a row of so many.
+
+        Parameters
+        ----------
+        file : str
+            In `kernels/`.
+        name : str
+            Of the kernel in it.
+        items : int
+            Of the row.
+        """
         most = self.group(file, name, items)
         return next(size for size in range(most, 0, -1) if items % size == 0)
 
