@@ -11,5 +11,5 @@ __kernel void aspect(__global float *mean, __global const float *light,
     Design d = *design;
     size_t at = (get_global_id(1) * get_global_size(0) + get_global_id(0)) * WIDTH;
     Trapezoid t = exposed_ray(d, LOAD(light, at), LOAD(footprint, at), LOAD(irradiance, at), 1);
-    STORE(d.sensor.y * mean_over_scan(t, d.sequence.z), mean, at);
+    STORE(d.full_scale * mean_over_scan(t, d.distinct_shifts), mean, at);
 }

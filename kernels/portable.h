@@ -19,9 +19,6 @@
 #define TO_COUNTER(x) uint(x)
 #define FLOAT(i) float(i)
 #define UINT(x) uint(x)
-#define float2 vec2
-#define float3 vec3
-#define float4 vec4
 #define fabs abs
 #define rint roundEven
 

@@ -115,14 +115,14 @@ DEVICE Hit hit_arch(Vector origin, Vector ray, float radius) {
     return hit;
 }
 
-DEVICE Hit hit_tunnel(Vector origin, Vector ray, float4 tunnel) {
-    if (tunnel.x == 2.0f) {
-        return hit_arch(origin, ray, tunnel.y);
+DEVICE Hit hit_tunnel(Vector origin, Vector ray, Geometry g) {
+    if (g.section == 2.0f) {
+        return hit_arch(origin, ray, g.tunnel_top);
     }
-    if (tunnel.x == 1.0f) {
-        return hit_box(origin, ray, tunnel.y, tunnel.z);
+    if (g.section == 1.0f) {
+        return hit_box(origin, ray, g.tunnel_top, g.tunnel_half_width);
     }
-    return hit_ceiling(origin, ray, tunnel.y);
+    return hit_ceiling(origin, ray, g.tunnel_top);
 }
 
 /* Fresnel reflectance of unpolarised light on a medium n - ik, at the cosine of the angle of
@@ -158,8 +158,8 @@ STRUCT(Sight) {
    box (sqrt(3)/2) D t/|S - O| and of the roughness' box sqrt(12) 2 alpha t: each the box of the
    same variance as the true kernel. */
 DEVICE Sight sight(Geometry g, Surface s, REAL x0, REAL y0, REAL z) {
-    float h = g.camera.x;
-    float p = g.camera.z / g.camera.w;
+    float h = g.camera_height;
+    float p = g.sampling / g.subsampling;
     REAL k = 1.0f - z / h;
     Vector point = vector(x0 * k, y0 * k, z);
     Vector view = vector(point.x, point.y, z - h);
@@ -169,11 +169,11 @@ DEVICE Sight sight(Geometry g, Surface s, REAL x0, REAL y0, REAL z) {
     REAL upright_length = sqrt(inner(upright, upright));
     Vector normal = scaled(1.0f / upright_length, upright);
     Vector ray = reflect_direction(incident, normal);
-    Hit hit = hit_tunnel(point, ray, g.tunnel);
+    Hit hit = hit_tunnel(point, ray, g);
     REAL square = 0.0f;
     for (int axis = 0; axis < 2; axis++) {
         float dx = (axis == 0) ? p : 0.0f;
-        Vector dp = surface_change(s, x0, y0, z, h, dx, p - dx, g.image.z);
+        Vector dp = surface_change(s, x0, y0, z, h, dx, p - dx, g.rises);
         Vector di = unit_change(incident, viewing, dp);
         Vector dn = vector(-(s.curve_xx * dp.x + s.curve_xy * dp.y),
                            -(s.curve_xy * dp.x + s.curve_yy * dp.y), 0.0f);
@@ -184,22 +184,22 @@ DEVICE Sight sight(Geometry g, Surface s, REAL x0, REAL y0, REAL z) {
         REAL dl = moved.x + dt * ray.x;
         square += dl * dl;
     }
-    REAL pupil = 0.8660254f * g.camera.y * hit.path / viewing;
-    REAL rough = 6.9282032f * g.opening.w * hit.path;
+    REAL pupil = 0.8660254f * g.pupil * hit.path / viewing;
+    REAL rough = 6.9282032f * g.roughness * hit.path;
     Sight v;
     v.light = point.x + hit.path * ray.x;
     v.footprint = max(sqrt(square + pupil * pupil + rough * rough), FOOTPRINT_MIN);
     v.across = point.y + hit.path * ray.y;
-    MASK opening = fabs(v.light) <= g.opening.x && fabs(v.across) <= g.opening.y
-                   && hit.normal.z > 0.0f && g.opening.x > 0.0f;
+    MASK opening = fabs(v.light) <= g.opening_half_length && fabs(v.across) <= g.opening_half_width
+                   && hit.normal.z > 0.0f && g.opening_half_length > 0.0f;
     REAL lost = (opening ? LOST_OPENING : LOST_NOT);
-    lost = (fabs(v.light) > g.tunnel.w ? LOST_END : lost);
+    lost = (fabs(v.light) > g.tunnel_half_length ? LOST_END : lost);
     lost = (ray.z <= 0.0f ? LOST_DOWN : lost);
-    MASK beside = fabs(point.x) > g.part.x || fabs(point.y) > g.part.y;
+    MASK beside = fabs(point.x) > g.half_length || fabs(point.y) > g.half_width;
     v.lost = (beside ? LOST_BESIDE : lost);
     REAL cosine = h / sqrt(x0 * x0 + y0 * y0 + h * h);
-    REAL field = (g.image.w > 0.0f) ? cosine * cosine * cosine * cosine : 1.0f;
-    REAL seen = field * fresnel_reflectance(fabs(inner(incident, normal)), g.material.x, g.material.y);
+    REAL field = (g.vignetting > 0.0f) ? cosine * cosine * cosine * cosine : 1.0f;
+    REAL seen = field * fresnel_reflectance(fabs(inner(incident, normal)), g.refractive_index, g.extinction);
     MASK lit = v.lost == 0.0f;
     v.irradiance = (lit ? seen : 0.0f);
     v.light = (lit ? v.light : 0.0f);

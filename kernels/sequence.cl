@@ -69,7 +69,7 @@ __kernel void mean_of_images(__global float *mean, __global const float *light,
                              __global const float *footprint, __global const float *irradiance,
                              __constant Design *design, int sub_rays, int first_row, int rows) {
     PIXELS(px, column, row)
-    int images = (int)d.sequence.x;
+    int images = (int)d.images;
     REAL sum = 0.0f;
     for (int first = 0; first < images; first += CHUNK) {
         REAL signal[CHUNK];
@@ -92,9 +92,9 @@ __kernel void fuse_images(__global float *fused, __global const float *light,
                           __global const float *footprint, __global const float *irradiance,
                           __constant Design *design, int sub_rays, int first_row, int rows) {
     PIXELS(px, column, row)
-    int images = (int)d.sequence.x, lag = (int)d.sequence.w, pairs = (int)d.noise.w;
+    int images = (int)d.images, lag = (int)d.lag, pairs = (int)d.pairs;
     REAL mean = 0.0f, spread = mean, difference = mean;
-    REAL high = mean, low = mean + d.sensor.y;
+    REAL high = mean, low = mean + d.full_scale;
     for (int first = 0; first < images; first += CHUNK) {
         REAL signal[CHUNK], later[CHUNK];
         exposures(px, d, first, signal);

@@ -12,10 +12,10 @@
 /* Level of a pixel of the aspect image: of the 256 thresholds, 1 / `per_dn` apart from 0 on, how
    many it is above. With 8 bits per pixel they are the whole grey levels, `per_dn` is 1. */
 #define LEVEL(at)                                                                              \
-    (-floor(-per_dn * (d.sensor.y * mean_over_scan(exposed_ray(d, LOAD(light, at),             \
+    (-floor(-per_dn * (d.full_scale * mean_over_scan(exposed_ray(d, LOAD(light, at),             \
                                                                LOAD(footprint, at),            \
                                                                LOAD(irradiance, at), 1),       \
-                                                   d.sequence.z))))
+                                                   d.distinct_shifts))))
 
 #if WIDTH == 8
 
@@ -116,7 +116,7 @@ __kernel void ceilings(__global float *highest, __global const float *footprint,
     Design d = designs[get_global_id(0)];
     size_t at = get_global_id(1) * WIDTH;
     Trapezoid t = exposed_ray(d, 0.0f, LOAD(footprint, at), LOAD(irradiance, at), 1);
-    STORE(per_dn * (d.sensor.y * highest_mean_over_scan(t, d.sequence.z)), highest,
+    STORE(per_dn * (d.full_scale * highest_mean_over_scan(t, d.distinct_shifts)), highest,
           get_global_id(0) * get_global_size(1) * WIDTH + at);
 }
 

@@ -12,5 +12,5 @@ void main() {
     }
     place_pixel();
     vec3 ray = RAY(0);
-    grey[at] = d.sensor.y * mean_over_scan(exposed_ray(d, ray.x, ray.y, ray.z, 1), d.sequence.z);
+    grey[at] = d.full_scale * mean_over_scan(exposed_ray(d, ray.x, ray.y, ray.z, 1), d.distinct_shifts);
 }

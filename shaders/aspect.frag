@@ -24,6 +24,6 @@ void main() {
 #else
     vec3 ray = RAY(0);
     Trapezoid t = exposed_ray(given, ray.x, ray.y, ray.z, 1);
-    value = given.sensor.y * mean_over_scan(t, given.sequence.z);
+    value = given.full_scale * mean_over_scan(t, given.distinct_shifts);
 #endif
 }

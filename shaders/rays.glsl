@@ -19,7 +19,7 @@ Geometry g;
 Design design() {
     Design all = given;
 #ifndef NOISE
-    all.noise.x = 0.0;
+    all.noise = 0.0;
 #endif
     return all;
 }

@@ -16,7 +16,7 @@ float value_at(vec4 ray, int k) {
 #ifdef PICTURE
     return picture(place, ray.x, ray.w, ray.y, k);
 #else
-    return pattern(ray.x, ray.w, shift_of(d, k) / d.stripes.y, ray.y);
+    return pattern(ray.x, ray.w, shift_of(d, k) / d.periods_per_mm, ray.y);
 #endif
 }
 
@@ -48,7 +48,7 @@ void exposures(int begin, out float signal[CHUNK]) {
 /* Share of a pixel's samples that are NaN or outside [0, 1]; every PROBES-th image is looked at. */
 #define PROBES 8
 float faulty_share() {
-    int images = int(d.sequence.x);
+    int images = int(d.images);
     float count = 0.0;
     for (int k = 0; k < images; k += PROBES) {
         for (int i = 0; i < sub_rays; i++) {
@@ -89,15 +89,15 @@ void exposures(int begin, out float signal[CHUNK]) {
 
 float mean_of_images(uint column, uint row) {
     Normals fixed_ = fixed_pattern(d, column, row);
-    int images = int(d.sequence.x);
+    int images = int(d.images);
     float sum = 0.0;
 #ifndef PATTERN
-    if (d.noise.x == 0.0 && sub_rays == 1) {
+    if (d.noise == 0.0 && sub_rays == 1) {
         Trapezoid only = seen_by(RAY(0));
         for (int k = 0; k < images; k++) {
             sum += min(at_shift(only, shift_of(d, k)), 1.0);
         }
-        return d.sensor.y * sum / float(images);
+        return d.full_scale * sum / float(images);
     }
 #endif
     for (int begin = 0; begin < images; begin += CHUNK) {
@@ -122,10 +122,10 @@ struct Fused {
 
 Fused fuse_images(uint column, uint row) {
     Normals fixed_ = fixed_pattern(d, column, row);
-    int images = int(d.sequence.x);
-    int lag = int(d.sequence.w);
-    int pairs = int(d.noise.w);
-    Fused f = Fused(0.0, 0.0, d.sensor.y, 0.0, 0.0);
+    int images = int(d.images);
+    int lag = int(d.lag);
+    int pairs = int(d.pairs);
+    Fused f = Fused(0.0, 0.0, d.full_scale, 0.0, 0.0);
     for (int begin = 0; begin < images; begin += CHUNK) {
         float signal[CHUNK];
         float later[CHUNK];

@@ -46,7 +46,7 @@ void place_pixel() {
     g = geometry;
 #endif
 #ifndef NOISE
-    d.noise.x = 0.0;
+    d.noise = 0.0;
 #endif
 #ifndef ONE_RAY
     sub_rays = size.w;

@@ -25,11 +25,17 @@ uniform sampler2D coefficients;
 #define ENTRY(list, i) texelFetch(list, ivec2((i) % LIST_WIDTH, (i) / LIST_WIDTH), 0)
 
 Groove groove_at(int i) {
-    return Groove(ENTRY(grooves, 3 * i), ENTRY(grooves, 3 * i + 1), ENTRY(grooves, 3 * i + 2));
+    vec4 a = ENTRY(grooves, 3 * i);
+    vec4 b = ENTRY(grooves, 3 * i + 1);
+    vec4 c = ENTRY(grooves, 3 * i + 2);
+    return Groove(a.x, a.y, a.z, a.w, b.x, b.y, b.z, b.w, c.x, c.y, c.z, c.w);
 }
 
 Map map_record(int i) {
-    return Map(ENTRY(maps, 3 * i), ENTRY(maps, 3 * i + 1), ENTRY(maps, 3 * i + 2));
+    vec4 a = ENTRY(maps, 3 * i);
+    vec4 b = ENTRY(maps, 3 * i + 1);
+    vec4 c = ENTRY(maps, 3 * i + 2);
+    return Map(a.x, a.y, a.z, a.w, b.x, b.y, b.z, b.w, c.x, c.y, c.z, c.w);
 }
 
 #define GROOVE(i) groove_at(i)

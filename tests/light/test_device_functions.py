@@ -20,10 +20,12 @@ import tolerances
 from device import DEVICES, LANES, Device, Outputs, open_device
 from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
+from scenes import members
 from scipy.interpolate import BSpline
 from scipy.stats import poisson
 
 from gpuspec.light.float64 import random_words
+from gpuspec.light.records import packed, structs
 from gpuspec.light.sources import folder
 from gpuspec.station.materials import MATERIALS
 
@@ -37,7 +39,7 @@ GROUPS = 250
 SURFACE = ("station.h", "surface.h")
 REFLECTION = (*SURFACE, "reflection.h")
 STRIPES = ("stripes.h",)
-SENSOR = ("sensor.h",)
+SENSOR = ("station.h", "sensor.h")
 
 LAWS: dict[str, tuple[Law, Edit]] = {}
 """Function to the test that holds it, and to an edit that this test must notice."""
@@ -106,6 +108,19 @@ def named(name: str, vector: Array) -> dict[str, Array]:
 
 def shared(**values: Array) -> dict[str, Array]:
     return {f"float {name}": np.broadcast_to(v, (len(v), 1))[:, 0] for name, v in values.items()}
+
+
+def struct(name: str, groups: int, **members: Any) -> Array:
+    """Records of a struct of `kernels/station.h`, (groups, members); those not given are 0."""
+    values = dict.fromkeys((m for m in structs()[name] if not m.startswith("unused")), 0.0)
+    assert members.keys() <= values.keys(), (name, tuple(members))
+    filled = {m: np.broadcast_to(members.get(m, 0.0), (groups, 1))[:, 0] for m in values}
+    return packed(name, **filled).astype(np.float64)
+
+
+def design_of(records: Array, *names: str) -> list[Array]:
+    """Members of designs, (groups, 1) each."""
+    return [members("Design", records)[name][:, None] for name in names]
 
 
 def stacked(outputs: Outputs) -> Array:
@@ -223,8 +238,10 @@ def pieces(d: Draws) -> tuple[Array, Array, Array, Array, Array]:
     dy = rounded(share * vy + beside * np.cos(angle))
     dx[40:50], dy[40:50] = 0, 0
     dx[50:60], dy[50:60] = np.broadcast_to(vx[50:60], (10, 8)), np.broadcast_to(vy[50:60], (10, 8))
-    course = rounded(np.concatenate([vx, vy, inverse**2, inverse], axis=1))
-    return dx, dy, vx, vy, course
+    course = {
+        "along_x": vx, "along_y": vy, "inverse_square": inverse**2, "inverse_length": inverse,
+    }  # fmt: skip
+    return dx, dy, vx, vy, struct("Groove", d.groups, **course)
 
 
 NEAREST = ("n.square", "n.away_x", "n.away_y", "n.along_x", "n.along_y")
@@ -233,9 +250,9 @@ NEAREST = ("n.square", "n.away_x", "n.away_y", "n.along_x", "n.along_y")
 @holds("nearest_point", wrong=("clamp(share, 0.0f, 1.0f)", "max(share, 0.0f)"))
 def test_no_point_of_a_line_is_nearer_than_the_nearest(device: Device) -> None:
     dx, dy, vx, vy, course = pieces(Draws(4))
-    inputs = {"REAL dx": dx, "REAL dy": dy, "float4 course": course}
+    inputs = {"REAL dx": dx, "REAL dy": dy, "Groove piece": course}
     got = stacked(
-        device.call(SURFACE, "Nearest n = nearest_point(dx, dy, course);", inputs, NEAREST)
+        device.call(SURFACE, "Nearest n = nearest_point(dx, dy, piece);", inputs, NEAREST)
     )
     square, away_x, away_y, along_x, along_y = got
     step = np.linspace(0, 1, 2001)[:, None, None]
@@ -297,10 +314,10 @@ def test_slopes_and_curvatures_of_a_groove_are_the_derivatives_of_its_height(
     inverse = rounded(1 / d.scales(0.05, 0.6, True) ** 2)
     sigma = 1 / np.sqrt(inverse)
     inputs = {
-        "REAL dx": dx, "REAL dy": dy, "float4 course": course,
+        "REAL dx": dx, "REAL dy": dy, "Groove piece": course,
         **shared(depth=depth, inverse=inverse),
     }  # fmt: skip
-    code = "Surface s = gaussian_groove(nearest_point(dx, dy, course), depth, inverse);"
+    code = "Surface s = gaussian_groove(nearest_point(dx, dy, piece), depth, inverse);"
     got = stacked(device.call(SURFACE, code, inputs, SURFACE_FIELDS))
     e = 2e-4 * sigma
 
@@ -616,18 +633,22 @@ def test_rays_meet_the_arch_on_its_circle(device: Device) -> None:
     close(normal * radius, np.stack([0 * path, point[1], point[2]]), limit)
 
 
-@holds("hit_tunnel", wrong=("tunnel.x == 1.0f", "tunnel.x == 3.0f"))
+@holds("hit_tunnel", wrong=("g.section == 1.0f", "g.section == 3.0f"))
 def test_the_tunnel_is_met_in_its_own_section(device: Device) -> None:
     d = Draws(19)
     origin, ray = rays_up(d)
     section = (np.arange(d.groups) % 3)[:, None]
     sizes = d.shared(50, 500), d.shared(30, 200), d.shared(200, 900)
-    tunnel = rounded(np.concatenate([section, *sizes], axis=1))
-    inputs = {**named("o", origin), **named("r", ray), "float4 tunnel": tunnel}
+    tunnel = {
+        "section": section, "tunnel_top": sizes[0], "tunnel_half_width": sizes[1],
+        "tunnel_half_length": sizes[2],
+    }  # fmt: skip
+    g = struct("Geometry", d.groups, **tunnel)
+    inputs = {**named("o", origin), **named("r", ray), "Geometry g": g}
     code = (
         RAY
-        + """Hit hit = hit_tunnel(o, r, tunnel), c = hit_ceiling(o, r, tunnel.y),
-        b = hit_box(o, r, tunnel.y, tunnel.z), a = hit_arch(o, r, tunnel.y);"""
+        + """Hit hit = hit_tunnel(o, r, g), c = hit_ceiling(o, r, g.tunnel_top),
+        b = hit_box(o, r, g.tunnel_top, g.tunnel_half_width), a = hit_arch(o, r, g.tunnel_top);"""
     )
     outputs = [name.replace("hit", hit, 1) for hit in ("hit", "c", "b", "a") for name in HIT]
     got = stacked(device.call(REFLECTION, code, inputs, outputs)).reshape(4, 4, *ray.shape[1:])
@@ -698,21 +719,33 @@ class Scene:
         self.z = rounded(self.rises * self.hill.meet(self.x0, self.y0, self.h))
 
     def inputs(self) -> dict[str, Array]:
-        o = np.zeros_like(self.h)
         k = 1 - self.z / self.h
         fields = self.hill.fields(self.x0 * k, self.y0 * k)
-        blocks = {
-            "camera": (self.h, self.pupil, self.sampling, self.sub),
-            "image": (o, o, self.rises, self.cos4),
-            "part": (*self.part, o, o),
-            "tunnel": (self.section, self.top, self.width, self.length),
-            "opening": (*self.opening, o, self.rough),
-            "material": (self.n, self.k, o, o),
-        }
+        g = struct(
+            "Geometry",
+            len(self.h),
+            camera_height=self.h,
+            pupil=self.pupil,
+            sampling=self.sampling,
+            subsampling=self.sub,
+            rises=self.rises,
+            vignetting=self.cos4,
+            half_length=self.part[0],
+            half_width=self.part[1],
+            section=self.section,
+            tunnel_top=self.top,
+            tunnel_half_width=self.width,
+            tunnel_half_length=self.length,
+            opening_half_length=self.opening[0],
+            opening_half_width=self.opening[1],
+            roughness=self.rough,
+            refractive_index=self.n,
+            extinction=self.k,
+        )
         return {
             "REAL x0": self.x0, "REAL y0": self.y0, "REAL z": self.z,
             **{f"REAL {name}": v for name, v in zip(FIELDS, fields, strict=True)},
-            **{f"float4 {name}": np.concatenate(v, axis=1) for name, v in blocks.items()},
+            "Geometry g": g,
         }  # fmt: skip
 
     def follow(self, x0: Array, y0: Array) -> dict[str, Array]:
@@ -747,11 +780,7 @@ def test_a_ray_sees_the_light_it_meets_over_the_footprint_that_differences_give(
     device: Device,
 ) -> None:
     scene = Scene(21)
-    code = "Geometry g; " + " ".join(
-        f"g.{name} = {name};"
-        for name in ("camera", "image", "part", "tunnel", "opening", "material")
-    )
-    code += SET_SURFACE + " Sight v = sight(g, s, x0, y0, z);"
+    code = SET_SURFACE + " Sight v = sight(g, s, x0, y0, z);"
     outputs = ("v.light", "v.footprint", "v.irradiance", "v.lost")
     light, footprint, irradiance, lost = stacked(
         device.call(REFLECTION, code, scene.inputs(), outputs)
@@ -1051,7 +1080,7 @@ def test_grey_levels_grow_with_the_signal_up_to_full_scale(device: Device) -> No
     close(got, np.minimum(signal * full[:, None], full[:, None]), rtol=tolerances.FLOAT_ROUNDING)
 
 
-@holds("noisy_grey_level", wrong=("sensor.w * normal.second", "sensor.w * normal.first"))
+@holds("noisy_grey_level", wrong=("d.read_noise * normal.second", "d.read_noise * normal.first"))
 def test_noise_takes_the_formulas_of_emva_1288_in_their_order(device: Device) -> None:
     d = Draws(31, 4 * GROUPS)
     words = d.rng.integers(0, 2**32, (3, d.groups, LANES), np.uint32)
@@ -1063,15 +1092,18 @@ def test_noise_takes_the_formulas_of_emva_1288_in_their_order(device: Device) ->
     black = np.floor(d.shared(0, 60))
     # Neither signal nor noise: the black level, whatever the words.
     signal[:4], read[:4], dark[:4], dsnu[:4] = 0, 0, 0, 0
+    design = struct(
+        "Design", d.groups, full_scale=full, saturation=capacity, read_noise=read,
+        dark_signal=dark, dsnu=dsnu, prnu=prnu, black_level=black,
+    )  # fmt: skip
     inputs = {
         "REAL signal": signal, "REAL pattern_prnu": pattern[0], "REAL pattern_dsnu": pattern[1],
         **{f"COUNTER {name}": w for name, w in zip("abc", words, strict=True)},
-        "float4 sensor": np.concatenate([0 * full, full, capacity, read], axis=1),
-        "float4 dark": np.concatenate([dark, dsnu, prnu, black], axis=1),
+        "Design d": design,
     }  # fmt: skip
     code = """Normals pattern; pattern.first = pattern_prnu; pattern.second = pattern_dsnu;
         Words w; w.a = a; w.b = b; w.c = c; w.d = c;
-        REAL y = noisy_grey_level(signal, pattern, w, sensor, dark);"""
+        REAL y = noisy_grey_level(signal, pattern, w, d);"""
     (got,) = device.call(SENSOR, code, inputs, ("y",))
     electrons = capacity * signal * np.maximum(1 + prnu * pattern[0], 0)
     electrons = electrons + np.maximum(dark + dsnu * pattern[1], 0)
@@ -1095,88 +1127,99 @@ def test_noise_takes_the_formulas_of_emva_1288_in_their_order(device: Device) ->
 # ------------------------------------------------------------------------------- image.h, by design
 
 IMAGE = ("station.h", "stripes.h", "sensor.h", "image.h")
-DESIGN = """Design d; d.stripes = stripes; d.sequence = sequence; d.sensor = sensor; d.dark = dark;
-    d.noise = noise;"""
 
 
-def designs(d: Draws, noise: bool) -> dict[str, Array]:
+def designs(d: Draws, noise: bool) -> Array:
     """Designs, one for each group, as `kernels/station.h` lays them out."""
-    full = np.full((d.groups, 1), 4095.0)
-    seed = np.floor(d.shared(0, 65535)), np.floor(d.shared(0, 65535))
-    rows = {
-        "stripes": (d.shared(0.1, 0.9), 1 / d.shared(2, 40), d.shared(0, 0.5), 0 * full),
-        "sequence": (full, 1 / np.floor(d.shared(2, 99)), 0 * full, 0 * full),
-        "sensor": (d.shared(0.5, 6), full, d.scales(2000, 50000, True), d.shared(1, 30)),
-        "dark": (d.shared(0, 50), d.shared(1, 40), d.shared(0.01, 0.4), d.shared(0, 60)),
-        "noise": (0 * full + noise, *seed, 0 * full),
-    }
-    return {f"float4 {name}": rounded(np.concatenate(row, axis=1)) for name, row in rows.items()}
+    return struct(
+        "Design",
+        d.groups,
+        seed_low=np.floor(d.shared(0, 65535)),
+        seed_high=np.floor(d.shared(0, 65535)),
+        luminous_share=d.shared(0.1, 0.9),
+        periods_per_mm=1 / d.shared(2, 40),
+        dark_leak=d.shared(0, 0.5),
+        images=4095.0,
+        step=1 / np.floor(d.shared(2, 99)),
+        exposure=d.shared(0.5, 6),
+        full_scale=4095.0,
+        saturation=d.scales(2000, 50000, True),
+        read_noise=d.shared(1, 30),
+        dark_signal=d.shared(0, 50),
+        dsnu=d.shared(1, 40),
+        prnu=d.shared(0.01, 0.4),
+        black_level=d.shared(0, 60),
+        noise=float(noise),
+    )
 
 
-@holds("exposed_ray", wrong=("FLOAT(sub_rays), d.stripes.z", "1.0f, d.stripes.z"))
+@holds("exposed_ray", wrong=("FLOAT(sub_rays), d.dark_leak", "1.0f, d.dark_leak"))
 def test_sub_rays_share_a_pixel_and_see_the_lit_fraction_of_their_footprint(device: Device) -> None:
     d = Draws(40)
     design = designs(d, noise=False)
     light, footprint = d.pixel(-60, 60), d.pixel(0.5, 30)
     seen, shift = d.pixel(0, 1), d.shared(0, 1)
     inputs = {"REAL light": light, "REAL footprint": footprint, "REAL seen": seen,
-              **shared(shift=shift), **design}  # fmt: skip
-    code = DESIGN + "REAL e = at_shift(exposed_ray(d, light, footprint, seen, 4), shift);"
+              **shared(shift=shift), "Design d": design}  # fmt: skip
+    code = "REAL e = at_shift(exposed_ray(d, light, footprint, seen, 4), shift);"
     (got,) = device.call(IMAGE, code, inputs, ("e",))
-    a, per_mm, leak = (design["float4 stripes"][:, i : i + 1] for i in range(3))
+    a, per_mm, leak = design_of(design, "luminous_share", "periods_per_mm", "dark_leak")
     low = light * per_mm - shift - footprint * per_mm / 2
     high = low + footprint * per_mm
     lit = [a * np.floor(u) + np.minimum(u - np.floor(u), a) for u in (low, high)]
     share = (lit[1] - lit[0]) / (footprint * per_mm)
-    gain = design["float4 sensor"][:, :1]
+    (gain,) = design_of(design, "exposure")
     close(got, gain * seen / 4 * (leak + (1 - leak) * share), atol=tolerances.EXPOSED_RAY)
 
 
-@holds("exposure_of", wrong=("(1.0f - d.stripes.z) * lit", "lit"))
+@holds("exposure_of", wrong=("(1.0f - d.dark_leak) * lit", "lit"))
 def test_a_radiance_of_one_s_own_is_exposed_as_the_stripes_are(device: Device) -> None:
     d = Draws(45)
     design = designs(d, noise=False)
     lit, seen = d.pixel(0, 1), d.pixel(0, 1)
-    code = DESIGN + "REAL e = exposure_of(d, lit, seen, 9);"
-    (got,) = device.call(IMAGE, code, {"REAL lit": lit, "REAL seen": seen, **design}, ("e",))
-    leak, gain = design["float4 stripes"][:, 2:3], design["float4 sensor"][:, :1]
+    code = "REAL e = exposure_of(d, lit, seen, 9);"
+    (got,) = device.call(
+        IMAGE, code, {"REAL lit": lit, "REAL seen": seen, "Design d": design}, ("e",)
+    )
+    leak, gain = design_of(design, "dark_leak", "exposure")
     close(got, gain * seen / 9 * (leak + (1 - leak) * lit), rtol=3 * tolerances.FLOAT_ROUNDING)
 
 
-@holds("shift_of", wrong=("FLOAT(k) * d.sequence.y", "FLOAT(k) * d.sequence.x"))
+@holds("shift_of", wrong=("FLOAT(k) * d.step", "FLOAT(k) * d.images"))
 def test_images_are_shifted_by_equal_steps(device: Device) -> None:
     d = Draws(41)
     design = designs(d, noise=False)
     k = np.broadcast_to(np.arange(d.groups, dtype=float)[:, None], (d.groups, LANES))
-    inputs = {**shared(k=k[:, :1]), **design}
-    code = DESIGN + "int n = 0; while (FLOAT(n) < k) { n++; } REAL s = shift_of(d, n);"
+    inputs = {**shared(k=k[:, :1]), "Design d": design}
+    code = "int n = 0; while (FLOAT(n) < k) { n++; } REAL s = shift_of(d, n);"
     (got,) = device.call(IMAGE, code, inputs, ("s",))
-    close(got, k * design["float4 sequence"][:, 1:2], rtol=tolerances.FLOAT_ROUNDING)
+    close(got, k * design_of(design, "step")[0], rtol=tolerances.FLOAT_ROUNDING)
 
 
-@holds("words_of", wrong=("65536u * UINT(d.noise.z)", "65535u * UINT(d.noise.z)"))
+@holds("words_of", wrong=("65536u * UINT(d.seed_high)", "65535u * UINT(d.seed_high)"))
 def test_words_belong_to_pixel_image_and_seed(device: Device) -> None:
     d = Draws(42)
     design = designs(d, noise=True)
     column, row = d.rng.integers(0, 2**32, (2, d.groups, LANES), np.uint32)
-    inputs = {"COUNTER column": column, "COUNTER row": row, **design}
-    code = DESIGN + "Words w = words_of(d, column, row, 7u);"
+    inputs = {"COUNTER column": column, "COUNTER row": row, "Design d": design}
+    code = "Words w = words_of(d, column, row, 7u);"
     got = device.call(IMAGE, code, inputs, ("COUNTER w.a", "COUNTER w.d"))
-    seeds = design["float4 noise"][:, 1] + 65536 * design["float4 noise"][:, 2]
+    low, high = design_of(design, "seed_low", "seed_high")
+    seeds = (low + 65536 * high)[:, 0]
     for group in range(0, d.groups, 25):
         words = random_words(column[group], row[group], 7, int(seeds[group]))
         assert np.array_equal(got[0][group], words[0])
         assert np.array_equal(got[1][group], words[3])
 
 
-@holds("fixed_pattern", wrong=("d.noise.x == 0.0f || (d.dark", "d.noise.x == 1.0f || (d.dark"))
+@holds("fixed_pattern", wrong=("d.noise == 0.0f || (d.dsnu", "d.noise == 1.0f || (d.dsnu"))
 def test_the_fixed_pattern_is_none_without_noise_and_normal_with_it(device: Device) -> None:
     d = Draws(43, 4 * GROUPS)
     column, row = d.rng.integers(0, 2**32, (2, d.groups, LANES), np.uint32)
-    code = DESIGN + "Normals p = fixed_pattern(d, column, row);"
+    code = "Normals p = fixed_pattern(d, column, row);"
     for noise in (False, True):
         design = designs(d, noise)
-        inputs = {"COUNTER column": column, "COUNTER row": row, **design}
+        inputs = {"COUNTER column": column, "COUNTER row": row, "Design d": design}
         first, second = device.call(IMAGE, code, inputs, ("p.first", "p.second"))
         if not noise:
             assert (first == 0).all()
@@ -1193,15 +1236,12 @@ def test_a_grey_level_is_saturated_or_noisy_by_the_image_s_own_words(device: Dev
     d = Draws(44)
     column, row = d.rng.integers(0, 4000, (2, d.groups, LANES), np.uint32)
     signal = d.pixel(0, 1.5)
-    code = (
-        DESIGN
-        + """Normals none; none.first = 0.0f; none.second = 0.0f;
+    code = """Normals none; none.first = 0.0f; none.second = 0.0f;
         REAL y = grey_level(signal, d, 5, column, row, none);
-        REAL z = noisy_grey_level(signal, none, words_of(d, column, row, 5u), d.sensor, d.dark);"""
-    )
+        REAL z = noisy_grey_level(signal, none, words_of(d, column, row, 5u), d);"""
     for noise in (False, True):
         inputs = {"REAL signal": signal, "COUNTER column": column, "COUNTER row": row,
-                  **designs(d, noise)}  # fmt: skip
+                  "Design d": designs(d, noise)}  # fmt: skip
         got, noisy = device.call(IMAGE, code, inputs, ("y", "z"))
         if noise:
             assert np.array_equal(got, noisy)
