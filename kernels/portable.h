@@ -19,6 +19,7 @@
 #define TO_COUNTER(x) uint(x)
 #define FLOAT(i) float(i)
 #define UINT(x) uint(x)
+#define INT(x) int(x)
 #define fabs abs
 #define rint roundEven
 
@@ -27,6 +28,7 @@
 #define DEVICE static inline
 #define FLOAT(i) ((float)(i))
 #define UINT(x) ((uint)(x))
+#define INT(x) ((int)(x))
 #define STRUCT(name) typedef struct name name; struct name
 #if WIDTH == 8
 #define REAL float8

@@ -2,6 +2,8 @@
    800; or with LOST, why the pixel sees no light. */
 #include "portable.h"
 #include "station.h"
+#include "surface.h"
+#include "reflection.h"
 #include "stripes.h"
 #include "sensor.h"
 #include "image.h"
@@ -11,16 +13,11 @@ out float value;
 
 void main() {
 #ifdef LOST
-    float first = entry(0).w;
-    float least = first;
-    float most = first;
-    for (int i = 1; i < sub_rays; i++) {
-        float lost = entry(i).w;
-        least = min(least, lost);
-        most = max(most, lost);
+    float reason = LOST_BESIDE;
+    for (int i = 0; i < sub_rays; i++) {
+        reason = loss_of_both(reason, entry(i).w);
     }
-    /* Seen if any sub-ray is, else the largest reason, as in `kernels/trace.cl`; target of bytes. */
-    value = (least == 0.0 ? 0.0 : most) / 255.0;
+    value = reason / 255.0; /* target of bytes */
 #else
     vec3 ray = RAY(0);
     Trapezoid t = exposed_ray(given, ray.x, ray.y, ray.z, 1);

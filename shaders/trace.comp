@@ -4,6 +4,10 @@
 #include "station.h"
 #include "surface.h"
 #include "reflection.h"
+#define BLOCK 16
+#ifndef NEWTON_STEPS
+#define NEWTON_STEPS 4
+#endif
 
 layout(local_size_x = 128) in;
 
@@ -26,24 +30,15 @@ layout(std430, set = 0, binding = 10) buffer Across { float across[]; };
 layout(std430, set = 0, binding = 10) buffer Lost { uint lost[]; };
 #endif
 
-#define GROOVE(i) grooves[i]
-#ifdef GROOVES
-#define BLOCK_FIRST(b) firsts[b]
-#else
-#define BLOCK_FIRST(b) 0
-#endif
-#define PIECE(i) pieces[i]
-#define MAP(i) maps[i]
-#define COEFFICIENT(i) coefficients[i]
+struct Lists {
+    int maps;
+};
 
-Geometry g;
-#ifdef MAPS
-int map_count;
-#else
-const int map_count = 0;
-#endif
-
-#include "relief.glsl"
+#define PIECE(lists, i) pieces[i]
+#define GROOVE(lists, i) grooves[i]
+#define MAP(lists, i) maps[i]
+#define COEFFICIENT(lists, at) coefficients[at]
+#include "relief.h"
 
 void main() {
     int column = int(gl_GlobalInvocationID.x);
@@ -51,26 +46,32 @@ void main() {
     if (column >= size.x) {
         return;
     }
-    g = geometry;
+    Geometry g = geometry;
+    Lists lists = Lists(0);
 #ifdef MAPS
-    map_count = more.y;
+    lists.maps = more.y;
+#endif
+    int first = 0;
+    int last = 0;
+#ifdef GROOVES
+    int block = block_of(column, size.z + row, int(g.columns));
+    first = firsts[block];
+    last = firsts[block + 1];
 #endif
     int at = row * size.x + column;
     int plane = size.x * size.y;
     float reason = LOST_BESIDE;
-    bool seen = false;
     for (int i = 0; i < size.w; i++) {
-        Sight v = sub_ray(column, size.z + row, i);
+        Sight v = sub_ray(g, lists, first, last, float(column), float(size.z + row), i);
         light[at + i * plane] = v.light;
         footprint[at + i * plane] = v.footprint;
         irradiance[at + i * plane] = v.irradiance;
 #ifdef ACROSS
         across[at + i * plane] = v.across;
 #endif
-        reason = max(reason, v.lost);
-        seen = seen || v.lost == LOST_NOT;
+        reason = loss_of_both(reason, v.lost);
     }
 #ifndef ACROSS
-    lost[at] = seen ? 0u : uint(reason);
+    lost[at] = uint(reason);
 #endif
 }

@@ -4,6 +4,10 @@
 #include "station.h"
 #include "surface.h"
 #include "reflection.h"
+#define BLOCK 16
+#ifndef NEWTON_STEPS
+#define NEWTON_STEPS 4
+#endif
 #include "texels.glsl"
 
 layout(std140) uniform Block {
@@ -11,8 +15,6 @@ layout(std140) uniform Block {
 };
 #ifdef MAPS
 uniform int map_count;
-#else
-const int map_count = 0;
 #endif
 uniform int width; /* of the tile's texture */
 
@@ -24,7 +26,7 @@ uniform sampler2D maps;
 uniform sampler2D coefficients;
 #define ENTRY(list, i) texelFetch(list, ivec2((i) % LIST_WIDTH, (i) / LIST_WIDTH), 0)
 
-Groove groove_at(int i) {
+Groove groove_record(int i) {
     vec4 a = ENTRY(grooves, 3 * i);
     vec4 b = ENTRY(grooves, 3 * i + 1);
     vec4 c = ENTRY(grooves, 3 * i + 2);
@@ -38,23 +40,34 @@ Map map_record(int i) {
     return Map(a.x, a.y, a.z, a.w, b.x, b.y, b.z, b.w, c.x, c.y, c.z, c.w);
 }
 
-#define GROOVE(i) groove_at(i)
-#ifdef GROOVES
-#define BLOCK_FIRST(b) ENTRY(block_first, b).x
-#else
-#define BLOCK_FIRST(b) 0
-#endif
-#define PIECE(i) ENTRY(pieces, i).x
-#define MAP(i) map_record(i)
-#define COEFFICIENT(i) ENTRY(coefficients, i).x
-#include "relief.glsl"
+struct Lists {
+    int maps;
+};
+
+#define PIECE(lists, i) ENTRY(pieces, i).x
+#define GROOVE(lists, i) groove_record(i)
+#define MAP(lists, i) map_record(i)
+#define COEFFICIENT(lists, at) ENTRY(coefficients, int(at)).x
+#include "relief.h"
 
 out vec4 entry;
 
 void main() {
     ivec2 at = texel();
     ivec2 pixel = pixel_of(at, width);
-    Sight v = sub_ray(pixel.x, pixel.y, at.y / (rows * WRAPS));
+    Lists lists = Lists(0);
+#ifdef MAPS
+    lists.maps = map_count;
+#endif
+    int first = 0;
+    int last = 0;
+#ifdef GROOVES
+    int block = block_of(pixel.x, pixel.y, int(g.columns));
+    first = ENTRY(block_first, block).x;
+    last = ENTRY(block_first, block + 1).x;
+#endif
+    int index = at.y / (rows * WRAPS);
+    Sight v = sub_ray(g, lists, first, last, float(pixel.x), float(pixel.y), index);
 #ifdef ACROSS
     entry = vec4(v.light, v.footprint, v.irradiance, v.across);
 #else
