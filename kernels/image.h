@@ -2,6 +2,21 @@
 #ifndef IMAGE_H
 #define IMAGE_H
 
+/* A sub-ray's entry of the light map. */
+STRUCT(Ray) {
+    REAL light;
+    REAL footprint;
+    REAL irradiance;
+};
+
+/* Images whose exposure is worked out together. */
+#define CHUNK 8
+
+/* Exposure E of a pixel in CHUNK images. */
+STRUCT(Signals) {
+    REAL value[CHUNK];
+};
+
 /* Exposure of one of `sub_rays` sub-rays as a trapezoid in the shift; they add up to the pixel's. */
 DEVICE Trapezoid exposed_ray(Design d, REAL light, REAL footprint, REAL irradiance, int sub_rays) {
     Trapezoid q = lit_fraction(light * d.periods_per_mm, footprint * d.periods_per_mm, d.luminous_share);

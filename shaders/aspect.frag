@@ -19,8 +19,8 @@ void main() {
     }
     value = reason / 255.0; /* target of bytes */
 #else
-    vec3 ray = RAY(0);
-    Trapezoid t = exposed_ray(given, ray.x, ray.y, ray.z, 1);
+    Ray ray = ray_at(0);
+    Trapezoid t = exposed_ray(given, ray.light, ray.footprint, ray.irradiance, 1);
     value = given.full_scale * mean_over_scan(t, given.distinct_shifts);
 #endif
 }

@@ -32,13 +32,11 @@ int sub_rays;
 int at;
 int plane;
 
-vec3 ray_at(int i) {
+Ray ray_at(int i) {
     int entry = at + i * plane;
-    return vec3(light[entry], footprint[entry], irradiance[entry]);
+    return Ray(light[entry], footprint[entry], irradiance[entry]);
 }
-
-#define RAY(i) ray_at(i)
-#define RAY4(i) vec4(ray_at(i), across[at + (i) * plane])
+#define ACROSS(i) across[at + (i) * plane]
 
 void place_pixel() {
     d = design;
