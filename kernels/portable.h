@@ -11,6 +11,7 @@
 
 #define DEVICE
 #define STRUCT(name) struct name
+#define RECORD(name) struct name
 #define REAL float
 #define COUNTER uint
 #define MASK bool
@@ -30,6 +31,8 @@
 #define UINT(x) ((uint)(x))
 #define INT(x) ((int)(x))
 #define STRUCT(name) typedef struct name name; struct name
+/* Aligned, a compiler loads it by four. */
+#define RECORD(name) typedef struct name name; struct __attribute__((aligned(16))) name
 #if WIDTH == 8
 #define REAL float8
 #define COUNTER uint8

@@ -5,7 +5,7 @@
 #define STATION_H
 
 /* What a light map depends on, but for the relief. */
-STRUCT(Geometry) {
+RECORD(Geometry) {
     float camera_height;       /* h, of the pupil above z = 0 */
     float pupil;               /* diameter D, 0 for a pinhole */
     float sampling;            /* p, from pixel to pixel on z = 0 */
@@ -33,7 +33,7 @@ STRUCT(Geometry) {
 };
 
 /* What never retraces a light map. */
-STRUCT(Design) {
+RECORD(Design) {
     float luminous_share;      /* of the stripes, a / P */
     float periods_per_mm;      /* 1 / P */
     float dark_leak;           /* beta */
@@ -57,7 +57,7 @@ STRUCT(Design) {
 };
 
 /* A straight piece of a groove's centre line; a dent or a bump is a piece of no length. */
-STRUCT(Groove) {
+RECORD(Groove) {
     float column;              /* of its start, whole pixels: with the fraction exact anywhere */
     float row;
     float column_fraction;
@@ -73,7 +73,7 @@ STRUCT(Groove) {
 };
 
 /* A map of measured relief: B-spline coefficients on a regular grid. */
-STRUCT(Map) {
+RECORD(Map) {
     float column;              /* of its corner of least x and least y, whole pixels */
     float row;
     float column_fraction;

@@ -16,10 +16,10 @@ layout(std140, set = 0, binding = 1) uniform Call {
     ivec4 size; /* columns, rows of the tile, its first row, sub-rays */
     ivec4 more; /* number of the image, number of measured maps, 0, 0 */
 };
-layout(std430, set = 0, binding = 2) readonly buffer Grooves { Groove grooves[]; };
+layout(std430, set = 0, binding = 2) readonly buffer Grooves { vec4 grooves[]; };
 layout(std430, set = 0, binding = 3) readonly buffer Firsts { int firsts[]; };
 layout(std430, set = 0, binding = 4) readonly buffer Pieces { int pieces[]; };
-layout(std430, set = 0, binding = 5) readonly buffer Maps { Map maps[]; };
+layout(std430, set = 0, binding = 5) readonly buffer Maps { vec4 maps[]; };
 layout(std430, set = 0, binding = 6) readonly buffer Coefficients { float coefficients[]; };
 layout(std430, set = 0, binding = 7) buffer Light { float light[]; };
 layout(std430, set = 0, binding = 8) buffer Footprint { float footprint[]; };
@@ -30,14 +30,11 @@ layout(std430, set = 0, binding = 10) buffer Across { float across[]; };
 layout(std430, set = 0, binding = 10) buffer Lost { uint lost[]; };
 #endif
 
-struct Lists {
-    int maps;
-};
-
+#define GROOVE_PART(i) grooves[i]
+#define MAP_PART(i) maps[i]
 #define PIECE(lists, i) pieces[i]
-#define GROOVE(lists, i) grooves[i]
-#define MAP(lists, i) maps[i]
 #define COEFFICIENT(lists, at) coefficients[at]
+#include "records.glsl"
 #include "relief.h"
 
 void main() {

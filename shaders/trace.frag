@@ -26,28 +26,11 @@ uniform sampler2D maps;
 uniform sampler2D coefficients;
 #define ENTRY(list, i) texelFetch(list, ivec2((i) % LIST_WIDTH, (i) / LIST_WIDTH), 0)
 
-Groove groove_record(int i) {
-    vec4 a = ENTRY(grooves, 3 * i);
-    vec4 b = ENTRY(grooves, 3 * i + 1);
-    vec4 c = ENTRY(grooves, 3 * i + 2);
-    return Groove(a.x, a.y, a.z, a.w, b.x, b.y, b.z, b.w, c.x, c.y, c.z, c.w);
-}
-
-Map map_record(int i) {
-    vec4 a = ENTRY(maps, 3 * i);
-    vec4 b = ENTRY(maps, 3 * i + 1);
-    vec4 c = ENTRY(maps, 3 * i + 2);
-    return Map(a.x, a.y, a.z, a.w, b.x, b.y, b.z, b.w, c.x, c.y, c.z, c.w);
-}
-
-struct Lists {
-    int maps;
-};
-
+#define GROOVE_PART(i) ENTRY(grooves, i)
+#define MAP_PART(i) ENTRY(maps, i)
 #define PIECE(lists, i) ENTRY(pieces, i).x
-#define GROOVE(lists, i) groove_record(i)
-#define MAP(lists, i) map_record(i)
 #define COEFFICIENT(lists, at) ENTRY(coefficients, int(at)).x
+#include "records.glsl"
 #include "relief.h"
 
 out vec4 entry;

@@ -17,7 +17,7 @@ from gpuspec.station.materials import MATERIALS
 from gpuspec.station.station import Station
 
 _END = 16  # points after which the spline forgets what follows: 0.27^16 = 7e-10
-_STRUCT = re.compile(r"STRUCT\((\w+)\) \{(.*?)\};", re.DOTALL)
+_STRUCT = re.compile(r"RECORD\((\w+)\) \{(.*?)\};", re.DOTALL)
 _MEMBER = re.compile(r"^ *float (\w+);", re.MULTILINE)
 
 SECTIONS = {"ceiling": 0, "box": 1, "arch": 2}

@@ -16,7 +16,7 @@ HEADER = (folder("kernels") / "station.h").read_text(encoding="utf-8")
 
 def test_every_struct_of_the_header_is_read_member_by_member():
     bare = re.sub(r"/\*.*?\*/", "", HEADER, flags=re.DOTALL)
-    told = re.findall(r"STRUCT\((\w+)\)", bare)
+    told = re.findall(r"RECORD\((\w+)\)", bare)
     assert told == list(structs()) == ["Geometry", "Design", "Groove", "Map"]
     # One float a line, and nothing else: what is read is what a compiler lays out.
     bodies = [line.strip() for line in bare.splitlines() if line.startswith("    ")]
