@@ -9,9 +9,6 @@ STRUCT(Ray) {
     REAL irradiance;
 };
 
-/* Images whose exposure is worked out together. */
-#define CHUNK 8
-
 /* Exposure E of a pixel in CHUNK images. */
 STRUCT(Signals) {
     REAL value[CHUNK];

@@ -2,13 +2,6 @@
 #ifndef REFLECTION_H
 #define REFLECTION_H
 
-/* Why a ray sees no light. */
-#define LOST_NOT 0.0f
-#define LOST_BESIDE 1.0f
-#define LOST_DOWN 2.0f
-#define LOST_END 3.0f
-#define LOST_OPENING 4.0f
-
 /* Smallest footprint on the light, in mm: a point-sampled pixel, kept finite. */
 #define FOOTPRINT_MIN 1e-4f
 
@@ -116,10 +109,10 @@ DEVICE Hit hit_arch(Vector origin, Vector ray, float radius) {
 }
 
 DEVICE Hit hit_tunnel(Vector origin, Vector ray, Geometry g) {
-    if (g.section == 2.0f) {
+    if (g.section == SECTION_ARCH) {
         return hit_arch(origin, ray, g.tunnel_top);
     }
-    if (g.section == 1.0f) {
+    if (g.section == SECTION_BOX) {
         return hit_box(origin, ray, g.tunnel_top, g.tunnel_half_width);
     }
     return hit_ceiling(origin, ray, g.tunnel_top);

@@ -18,7 +18,7 @@ RECORD(Geometry) {
     float half_width;          /* along y */
     float curvature_x;         /* of the crown: 1/radius, 0 flat */
     float curvature_y;
-    float section;             /* of the tunnel: CEILING, BOX or ARCH */
+    float section;             /* of the tunnel: SECTION_... */
     float tunnel_top;          /* height H, or radius of the arch */
     float tunnel_half_width;
     float tunnel_half_length;

@@ -6,9 +6,6 @@
 #include "sensor.h"
 #include "image.h"
 
-#define LEVELS 256
-#define NO_PIXEL 0xffffffffu
-
 /* Level of a pixel of the aspect image: of the 256 thresholds, 1 / `per_dn` apart from 0 on, how
    many it is above. With 8 bits per pixel they are the whole grey levels, `per_dn` is 1. */
 #define LEVEL(at)                                                                              \

@@ -4,12 +4,6 @@
 #include "surface.h"
 #include "reflection.h"
 
-/* Columns and rows of a block of the image. */
-#define BLOCK 16
-
-/* Newton steps to a height surface: the error falls as slope x field angle, squared each time. */
-#define NEWTON_STEPS 4
-
 /* The station's lists, in buffers. */
 typedef struct {
     __global const Groove *grooves;

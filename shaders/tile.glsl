@@ -1,7 +1,7 @@
 /* What a compute shader needs to make images of a tile: its light map in storage buffers. One
    invocation per pixel; `place_pixel` fills what scan.glsl asks for. Without NOISE or with ONE_RAY
    the compiler is told, or lavapipe works out every image's noise only to mask it. */
-layout(local_size_x = 128) in;
+layout(local_size_x = GROUP) in;
 
 layout(std140, set = 0, binding = 0) uniform Designs {
     Design design;

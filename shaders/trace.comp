@@ -4,12 +4,8 @@
 #include "station.h"
 #include "surface.h"
 #include "reflection.h"
-#define BLOCK 16
-#ifndef NEWTON_STEPS
-#define NEWTON_STEPS 4
-#endif
 
-layout(local_size_x = 128) in;
+layout(local_size_x = GROUP) in;
 
 layout(std140, set = 0, binding = 0) uniform Geometries { Geometry geometry; };
 layout(std140, set = 0, binding = 1) uniform Call {

@@ -4,10 +4,6 @@
 #include "station.h"
 #include "surface.h"
 #include "reflection.h"
-#define BLOCK 16
-#ifndef NEWTON_STEPS
-#define NEWTON_STEPS 4
-#endif
 #include "texels.glsl"
 
 layout(std140) uniform Block {

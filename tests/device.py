@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.light.backend import Backend
+from gpuspec.light.constants import GROUP
 from gpuspec.light.opencl import OpenCLBackend
 from gpuspec.light.opengl import LIST_WIDTH, OpenGLBackend
 from gpuspec.light.records import structs
 from gpuspec.light.sources import resolved, resolved_shader
-from gpuspec.light.vulkan import GROUP, VulkanBackend
+from gpuspec.light.vulkan import VulkanBackend
 
 LANES = 8
 """Pixels that share the inputs declared `float`: the widest REAL there is."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
+from gpuspec.light.constants import SECTIONS
 from gpuspec.light.sources import folder
 from gpuspec.part.grooves import Grooves, averaged
 from gpuspec.part.maps import TopographyMap
@@ -19,8 +20,6 @@ from gpuspec.station.station import Station
 _END = 16  # points after which the spline forgets what follows: 0.27^16 = 7e-10
 _STRUCT = re.compile(r"RECORD\((\w+)\) \{(.*?)\};", re.DOTALL)
 _MEMBER = re.compile(r"^ *float (\w+);", re.MULTILINE)
-
-SECTIONS = {"ceiling": 0, "box": 1, "arch": 2}
 
 
 @cache

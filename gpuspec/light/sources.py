@@ -7,6 +7,8 @@ import re
 from functools import cache
 from pathlib import Path
 
+from gpuspec.light.constants import DEFINES, defines
+
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 _LINE = re.compile(r"^#line (\d+) (\d+)$", re.MULTILINE)
 _PLACE = re.compile(r"^((?:ERROR: |WARNING: )?)\d+[:(](\d+)(?:\(\d+\)|\))?\s*:", re.MULTILINE)
@@ -23,8 +25,8 @@ def folder(name: str) -> Path:
 
 @cache
 def digest() -> str:
-    """Return a digest of every kernel and shader."""
-    found = hashlib.sha256()
+    """Return a digest of every kernel and shader, and of the constants defined in them."""
+    found = hashlib.sha256(repr(DEFINES).encode())
     for name in ("kernels", "shaders"):
         for path in sorted(folder(name).rglob("*.*")):
             found.update(path.name.encode() + path.read_bytes())
@@ -41,32 +43,38 @@ def kernel_source(name: str) -> str:
 
 
 def resolved(text: str, name: str) -> str:
-    """Return OpenCL C text with every include of `kernels/` in place; `name` is for messages."""
-    return "\n".join(_resolved(text, name, {}, '#line {line} "{name}"'))
+    """Return OpenCL C text with every include of `kernels/` in place; `name` is for messages.
+
+    The constants that it names are defined.
+    """
+    body = _resolved(text, name, {}, '#line {line} "{name}"')
+    return "\n".join([*defines("\n".join(body)), *body])
 
 
 @cache
 def shader_source(
     name: str,
     version: int,
-    defines: tuple[str, ...] = (),
+    words: tuple[str, ...] = (),
     lines: bool = True,
     pattern: tuple[str, str] | None = None,
 ) -> tuple[str, tuple[str, ...]]:
     """Return a GLSL file of `shaders/`, ready to compile; see :func:`resolved_shader`."""
     text = (folder("shaders") / name).read_text(encoding="utf-8")
-    return resolved_shader(text, f"shaders/{name}", version, defines, lines, pattern)
+    return resolved_shader(text, f"shaders/{name}", version, words, lines, pattern)
 
 
 def resolved_shader(
     text: str,
     name: str,
     version: int,
-    defines: tuple[str, ...] = (),
+    words: tuple[str, ...] = (),
     lines: bool = True,
     pattern: tuple[str, str] | None = None,
 ) -> tuple[str, tuple[str, ...]]:
     """Return GLSL text with every include of `shaders/` and `kernels/` in place, once each.
+
+    The constants that it names are defined.
 
     Parameters
     ----------
@@ -76,8 +84,8 @@ def resolved_shader(
         For messages.
     version : int
         Of the language, e.g. 330.
-    defines : tuple of str
-        Words to define, e.g. ``"NOISE"`` or ``"SUB_RAYS 4"``.
+    words : tuple of str
+        Words to define, e.g. ``"NOISE"`` or ``"NEWTON_STEPS 0"``.
     lines : bool
         Whether ``#line`` directives keep file and line. GLSL numbers its files.
     pattern : tuple of str, optional
@@ -91,7 +99,9 @@ def resolved_shader(
     """
     names: dict[str, int] = {}
     body = _resolved(text, name, names, "#line {line} {number}" if lines else "", pattern)
-    head = [f"#version {version}", *(f"#define {word}" for word in ("GPUSPEC_GLSL", *defines))]
+    own = "\n".join(_resolved(text, name, {}, ""))  # what a pattern names is its own
+    given = [f"#define {word}" for word in ("GPUSPEC_GLSL", *words)]
+    head = [f"#version {version}", *given, *defines(own, words)]
     return "\n".join([*head, *body, ""]), tuple(names)
 
 

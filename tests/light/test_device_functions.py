@@ -633,7 +633,7 @@ def test_rays_meet_the_arch_on_its_circle(device: Device) -> None:
     close(normal * radius, np.stack([0 * path, point[1], point[2]]), limit)
 
 
-@holds("hit_tunnel", wrong=("g.section == 1.0f", "g.section == 3.0f"))
+@holds("hit_tunnel", wrong=("g.section == SECTION_BOX", "g.section == SECTION_CEILING"))
 def test_the_tunnel_is_met_in_its_own_section(device: Device) -> None:
     d = Draws(19)
     origin, ray = rays_up(d)

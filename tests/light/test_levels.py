@@ -9,7 +9,8 @@ from scenes import part_with
 from gpuspec.detection.score import score
 from gpuspec.detection.segmentation import segment
 from gpuspec.light.backend import Backend
-from gpuspec.light.levels import LEVELS, Levels, Zones, levels_of, levels_per_dn, thresholds
+from gpuspec.light.constants import LEVELS
+from gpuspec.light.levels import Levels, Zones, levels_of, levels_per_dn, thresholds
 from gpuspec.light.opencl import OpenCLBackend
 from gpuspec.simulation.simulate import Traced, trace
 from gpuspec.station.station import Station
