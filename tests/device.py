@@ -60,7 +60,8 @@ class OpenCLDevice:
         Parameters
         ----------
         headers : sequence of str
-            Files of `kernels/` after `portable.h`, in the order they need.
+            Files of `kernels/` after `portable.h`, in the order they need; or text that stands
+            between them.
         code : str
             Statements, e.g. ``Surface s = crown(x, y, cx, cy);``.
         inputs : mapping of str to array_like
@@ -98,13 +99,13 @@ class OpenCLDevice:
             arguments.append(b.empty(results[-1].nbytes))
         lines = [
             '#include "portable.h"',
-            *(f'#include "{header}"' for header in headers),
+            *_included(headers),
             f"__kernel void check({', '.join(parameters)}) {{",
             f"size_t at = get_global_id(0) * WIDTH, group = at / {LANES};",
             *load, code, *store, "}",
         ]  # fmt: skip
         source = edited(resolved("\n".join(lines), "tests/device.py"), self.edits)
-        kernel = b.cl.Kernel(b.program(source, " ".join(headers)), "check")
+        kernel = b.cl.Kernel(b.program(source, "tests/device.py"), "check")
         kernel(b.queue, (count * LANES // b.width,), None, *arguments)
         for result, buffer in zip(results, arguments[len(inputs) :], strict=True):
             b.cl.enqueue_copy(b.queue, result, buffer)
@@ -115,6 +116,11 @@ _TARGETS = 8
 """Targets that a fragment shader of OpenGL 3.3 can draw into."""
 
 _PER_PIXEL = ("REAL", "COUNTER")
+
+
+def _included(headers: Sequence[str]) -> list[str]:
+    """Return lines that include headers, or are what stands between them."""
+    return [f'#include "{text}"' if text.endswith(".h") else text for text in headers]
 
 
 def _checked(declared: str, values: Any) -> NDArray[Any]:
@@ -193,7 +199,7 @@ class OpenGLDevice:
                 targets.append(b.target(size, 1, dtype))
             lines = [
                 '#include "portable.h"',
-                *(f'#include "{header}"' for header in headers),
+                *_included(headers),
                 f"#define ENTRY(list, i) texelFetch(list, ivec2((i) % {LIST_WIDTH}, "
                 f"(i) / {LIST_WIDTH}), 0)",
                 *uniforms,
@@ -256,7 +262,7 @@ class VulkanDevice:
             buffers.append(b.empty(results[-1].nbytes))
         lines = [
             '#include "portable.h"',
-            *(f'#include "{header}"' for header in headers),
+            *_included(headers),
             *declarations,
             f"layout(local_size_x = {GROUP}) in;",
             "void main() {",

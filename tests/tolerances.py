@@ -34,6 +34,9 @@ GROOVE = 4e-7
 """Height, slope, curvature in units of depth / sigma^n, times 1 + offset / sigma (the distance is a
 difference of offsets); measured 1.1e-7."""
 
+GROOVES_MM = 4e-8
+"""mm: height of crossing grooves up to 0.03 mm deep; over their sigma, their slope."""
+
 SPLINE = 1e-6
 """Weights up to 3 and their sums, u from -0.5 to 1.5; measured 3.3e-7."""
 
