@@ -10,9 +10,12 @@ import re
 from gpuspec.arrays import Lost
 from gpuspec.part.grooves import BLOCK
 
-NEWTON_STEPS = 4
+NEWTON_STEPS = 3
 """From z = 0 to where a ray meets a height surface: the error falls as slope times field angle,
-squared each time."""
+squared each time. Measured in float64 on crowns up to half cylinders and grooves of slope 1, the
+camera 1.5 to 2.5 times as far as the part is long: after two steps light points are off by up to a
+thousandth of their footprint, after three by 2e-9. From as far as the part is long, the worst of
+80,000 pixels is off by 11 % of its footprint after two steps, by 0.1 % after three."""
 
 CHUNK = 8
 """Images whose exposure is worked out together: each sub-ray's trapezoid is made once for all."""
