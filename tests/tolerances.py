@@ -47,9 +47,9 @@ HEIGHT_MM = 2e-5
 """mm: where a ray meets a plane after one Newton step, or a crown of 40 mm radius at 25 mm (slope
 0.8) after three; measured 8.2e-6, of heights to 40 mm with a last bit of 4e-6."""
 
-NEWTON = 1e-4
+NEWTON = 1.5e-4
 """Of a footprint: light coordinates on hard height surfaces; two Newton steps leave 9.5e-4 and
-3.5e-4, three 2e-9 and rounding."""
+3.5e-4, three 2e-9 and rounding: measured 1.7e-5 and 7.9e-5."""
 
 NEWTON_HARDEST = 4e-3
 """The same on bumps of slope 1 at a field angle of 27 degrees: two steps leave 0.11, three 1.1e-3
