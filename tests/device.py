@@ -18,8 +18,7 @@ from gpuspec.light.backend import Backend
 from gpuspec.light.constants import GROUP
 from gpuspec.light.opencl import OpenCLBackend
 from gpuspec.light.opengl import LIST_WIDTH, OpenGLBackend
-from gpuspec.light.records import structs
-from gpuspec.light.sources import resolved, resolved_shader
+from gpuspec.light.sources import resolved, resolved_shader, structs
 from gpuspec.light.vulkan import VulkanBackend
 
 LANES = 8

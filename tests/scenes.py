@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import oracle
 
-from gpuspec.light.records import structs
+from gpuspec.light.sources import structs
 from gpuspec.station.station import Station
 
 # Pupil D, sigma, depth d (mm), exposure g, flawless median, maximum: the check values of the model,

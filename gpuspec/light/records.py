@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import re
-from functools import cache
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from gpuspec.light.constants import SECTIONS
-from gpuspec.light.sources import folder
+from gpuspec.light.sources import structs
 from gpuspec.part.grooves import Grooves, averaged
 from gpuspec.part.maps import TopographyMap
 from gpuspec.part.view import pixel_position
@@ -18,15 +15,6 @@ from gpuspec.station.materials import MATERIALS
 from gpuspec.station.station import Station
 
 _END = 16  # points after which the spline forgets what follows: 0.27^16 = 7e-10
-_STRUCT = re.compile(r"RECORD\((\w+)\) \{(.*?)\};", re.DOTALL)
-_MEMBER = re.compile(r"^ *float (\w+);", re.MULTILINE)
-
-
-@cache
-def structs() -> dict[str, tuple[str, ...]]:
-    """Return the structs of `kernels/station.h` and the names of their members, in order."""
-    text = (folder("kernels") / "station.h").read_text(encoding="utf-8")
-    return {name: tuple(_MEMBER.findall(body)) for name, body in _STRUCT.findall(text)}
 
 
 def packed(struct: str, **members: ArrayLike) -> NDArray[np.float32]:

@@ -14,6 +14,8 @@ _LINE = re.compile(r"^#line (\d+) (\d+)$", re.MULTILINE)
 _PLACE = re.compile(r"^((?:ERROR: |WARNING: )?)\d+[:(](\d+)(?:\(\d+\)|\))?\s*:", re.MULTILINE)
 # The line after a pattern: text that is not finished is met here, not in the program's own lines.
 _CLOSED = "void end_of_pattern_() { }"
+_STRUCT = re.compile(r"RECORD\((\w+)\) \{(.*?)\};", re.DOTALL)
+_MEMBER = re.compile(r"^ *float (\w+);", re.MULTILINE)
 _FILE = 100_000  # lines of a file, at most
 
 
@@ -31,6 +33,13 @@ def digest() -> str:
         for path in sorted(folder(name).rglob("*.*")):
             found.update(path.name.encode() + path.read_bytes())
     return found.hexdigest()
+
+
+@cache
+def structs() -> dict[str, tuple[str, ...]]:
+    """Return the structs of `kernels/station.h` and the names of their members, in order."""
+    text = (folder("kernels") / "station.h").read_text(encoding="utf-8")
+    return {name: tuple(_MEMBER.findall(body)) for name, body in _STRUCT.findall(text)}
 
 
 @cache

@@ -25,8 +25,8 @@ from scipy.interpolate import BSpline
 from scipy.stats import poisson
 
 from gpuspec.light.float64 import random_words
-from gpuspec.light.records import packed, structs
-from gpuspec.light.sources import folder
+from gpuspec.light.records import packed
+from gpuspec.light.sources import folder, structs
 from gpuspec.part.grooves import BLOCK
 from gpuspec.station.materials import MATERIALS
 

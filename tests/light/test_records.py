@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scenes import check_station, members
 
-from gpuspec.light.records import design_block, geometry_block, packed, structs
-from gpuspec.light.sources import folder
+from gpuspec.light.records import design_block, geometry_block, packed
+from gpuspec.light.sources import folder, structs
 
 HEADER = (folder("kernels") / "station.h").read_text(encoding="utf-8")
 

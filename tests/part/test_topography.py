@@ -220,7 +220,7 @@ def test_a_sampled_pit_gives_the_light_map_of_the_same_dent(
 
 
 def device_slopes(maps, station, x, y):
-    """The device's spline in float32, as kernels/trace.cl evaluates it."""
+    """The device's spline in float32, as kernels/relief.h evaluates it."""
     m, c = members("Map", map_records(maps, station)[0]), coefficients(maps)
     size, inverse = ((m[f"{word}_x"], m[f"{word}_y"]) for word in ("points", "points_per_mm"))
     columns, rows = station.shape[1], station.shape[0]
