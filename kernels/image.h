@@ -16,7 +16,8 @@ STRUCT(Signals) {
 
 /* Exposure of one of `sub_rays` sub-rays as a trapezoid in the shift; they add up to the pixel's. */
 DEVICE Trapezoid exposed_ray(Design d, REAL light, REAL footprint, REAL irradiance, int sub_rays) {
-    Trapezoid q = lit_fraction(light * d.periods_per_mm, footprint * d.periods_per_mm, d.luminous_share);
+    Trapezoid q = lit_fraction(light * d.periods_per_mm, footprint * d.periods_per_mm,
+                               d.luminous_share);
     return exposed(q, irradiance, d.exposure / FLOAT(sub_rays), d.dark_leak);
 }
 

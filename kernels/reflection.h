@@ -178,7 +178,8 @@ DEVICE Mirror mirror_of(CameraRay c, Surface s) {
 /* Change of the light coordinate l = L_x, L = S + t R, as the camera ray's point on z = 0 moves by
    (dx, dy): dL = dS + t dR + dt R stays in the tunnel's tangent plane, T.dL = 0.
    H. Igehy, Tracing ray differentials, SIGGRAPH 1999, eqs. 10 to 14. */
-DEVICE REAL light_change(Geometry g, Surface s, CameraRay c, Mirror m, Hit hit, float dx, float dy) {
+DEVICE REAL light_change(Geometry g, Surface s, CameraRay c, Mirror m, Hit hit, float dx,
+                         float dy) {
     Vector dp = surface_change(s, c.x0, c.y0, c.point.z, g.camera_height, dx, dy, g.rises);
     Vector di = unit_change(c.direction, c.distance, dp);
     Vector dn = vector(-(s.curve_xx * dp.x + s.curve_xy * dp.y),

@@ -1,5 +1,5 @@
-/* The part's relief under a pixel, and the light map's entry of one sub-ray. Where a station's lists
-   lie is the language's affair: the including program has a struct `Lists`, with the number of
+/* The part's relief under a pixel, and the light map's entry of one sub-ray. Where a station's
+   lists lie is the language's affair: the including program has a struct `Lists`, with the number of
    measured maps in `maps`, and says how it fetches an entry: PIECE(lists, i), GROOVE(lists, i),
    MAP(lists, i) and, for a COUNTER, COEFFICIENT(lists, at). */
 #ifndef RELIEF_H
@@ -40,7 +40,8 @@ DEVICE Surface grooves_at(Surface s, Lists lists, int first, int last, Place at,
             nearest = nearer(nearest, point);
         } else {
             if (defect >= 0.0f) {
-                s = add_surface(s, gaussian_groove(nearest, groove.height, groove.inverse_variance));
+                s = add_surface(s, gaussian_groove(nearest, groove.height,
+                                                   groove.inverse_variance));
             }
             nearest = point;
         }
@@ -122,7 +123,8 @@ DEVICE Surface maps_at(Surface s, Lists lists, Place at, float sampling) {
 /* Sub-ray `index` of the pixel at (column, row) of the whole image, its block's grooves being
    `first` to `last`: the height at which it meets the part, by Newton's method where the surface
    rises, and what it sees there. */
-DEVICE Sight sub_ray(Geometry g, Lists lists, int first, int last, REAL column, REAL row, int index) {
+DEVICE Sight sub_ray(Geometry g, Lists lists, int first, int last, REAL column, REAL row,
+                     int index) {
     int side = INT(g.subsampling);
     float h = g.camera_height;
     Place at;

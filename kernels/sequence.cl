@@ -35,7 +35,8 @@ DEVICE Ray ray_at(Pixels px, int i) {
 /* Image k of the sequence, in grey levels. */
 __kernel void image_at(__global float *grey, __global const float *light,
                        __global const float *footprint, __global const float *irradiance,
-                       __constant Design *design, int sub_rays, int first_row, int rows, int k) {
+                       __global const Design *restrict design, int sub_rays, int first_row,
+                       int rows, int k) {
     PIXELS(px, column, row)
     Normals pattern = fixed_pattern(d, column, row);
     STORE(grey_level(signal_of(d, px, k), d, k, column, row, pattern), grey, px.at);
@@ -44,7 +45,8 @@ __kernel void image_at(__global float *grey, __global const float *light,
 /* Mean of all images, without holding any. */
 __kernel void mean_of_images(__global float *mean, __global const float *light,
                              __global const float *footprint, __global const float *irradiance,
-                             __constant Design *design, int sub_rays, int first_row, int rows) {
+                             __global const Design *restrict design, int sub_rays, int first_row,
+                             int rows) {
     PIXELS(px, column, row)
     STORE(mean_over_images(d, px, column, row), mean, px.at);
 }
@@ -52,7 +54,8 @@ __kernel void mean_of_images(__global float *mean, __global const float *light,
 /* Mean, maximum, minimum, standard deviation and differential, one plane each. */
 __kernel void fuse_images(__global float *fused, __global const float *light,
                           __global const float *footprint, __global const float *irradiance,
-                          __constant Design *design, int sub_rays, int first_row, int rows) {
+                          __global const Design *restrict design, int sub_rays, int first_row,
+                          int rows) {
     PIXELS(px, column, row)
     Fusion f = fusion_over_images(d, px, column, row);
     STORE(f.mean, fused, px.at);

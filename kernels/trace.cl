@@ -22,7 +22,7 @@ typedef struct {
 /* Light map of rows first_row ... of the image: light coordinate, footprint and irradiance of each
    sub-ray, one plane after another, and per pixel why it sees no light. */
 __kernel void trace(__global float *light, __global float *footprint, __global float *irradiance,
-                    __global uchar *lost, __constant Geometry *geometry,
+                    __global uchar *lost, __global const Geometry *restrict geometry,
                     __global const Groove *grooves, __global const int *block_first,
                     __global const int *pieces, __global const Map *maps, int map_count,
                     __global const float *coefficients, int first_row) {
