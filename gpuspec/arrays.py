@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -99,6 +100,18 @@ def check_mask(name: str, mask: Mask, shape: tuple[int, ...]) -> None:
 
 
 Image = NDArray[np.float32]
+
+
+class Lost(IntEnum):
+    """Why a ray sees no light; of a pixel's several reasons the largest counts."""
+
+    NOT = 0
+    BESIDE = 1
+    DOWN = 2
+    END = 3
+    OPENING = 4
+
+
 LOST = (
     "seen",
     "beside the part",
@@ -106,4 +119,4 @@ LOST = (
     "past the tunnel's end",
     "in the camera's opening",
 )
-BESIDE = 1
+BESIDE = int(Lost.BESIDE)

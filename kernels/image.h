@@ -2,26 +2,39 @@
 #ifndef IMAGE_H
 #define IMAGE_H
 
+/* A sub-ray's entry of the light map. */
+STRUCT(Ray) {
+    REAL light;
+    REAL footprint;
+    REAL irradiance;
+};
+
+/* Exposure E of a pixel in CHUNK images. */
+STRUCT(Signals) {
+    REAL value[CHUNK];
+};
+
 /* Exposure of one of `sub_rays` sub-rays as a trapezoid in the shift; they add up to the pixel's. */
 DEVICE Trapezoid exposed_ray(Design d, REAL light, REAL footprint, REAL irradiance, int sub_rays) {
-    Trapezoid q = lit_fraction(light * d.stripes.y, footprint * d.stripes.y, d.stripes.x);
-    return exposed(q, irradiance, d.sensor.x / FLOAT(sub_rays), d.stripes.z);
+    Trapezoid q = lit_fraction(light * d.periods_per_mm, footprint * d.periods_per_mm,
+                               d.luminous_share);
+    return exposed(q, irradiance, d.exposure / FLOAT(sub_rays), d.dark_leak);
 }
 
 /* Exposure of one of `sub_rays` sub-rays that sees the mean radiance `lit`, 0 to 1. */
 DEVICE REAL exposure_of(Design d, REAL lit, REAL irradiance, int sub_rays) {
-    return d.sensor.x / FLOAT(sub_rays) * irradiance * (d.stripes.z + (1.0f - d.stripes.z) * lit);
+    return d.exposure / FLOAT(sub_rays) * irradiance * (d.dark_leak + (1.0f - d.dark_leak) * lit);
 }
 
 /* Shift of the tunnel in image k, in periods. */
 DEVICE float shift_of(Design d, int k) {
-    return FLOAT(k) * d.sequence.y;
+    return FLOAT(k) * d.step;
 }
 
 /* Random words of a pixel in image k; column and row count over the whole image, so that noise
    does not depend on tiles. */
 DEVICE Words words_of(Design d, COUNTER column, COUNTER row, uint k) {
-    COUNTER seed = UINT(d.noise.y) + 65536u * UINT(d.noise.z);
+    COUNTER seed = UINT(d.seed_low) + 65536u * UINT(d.seed_high);
     COUNTER image = k;
     return random_words(column, row, image, seed);
 }
@@ -31,7 +44,7 @@ DEVICE Normals fixed_pattern(Design d, COUNTER column, COUNTER row) {
     Normals none;
     none.first = 0.0f;
     none.second = 0.0f;
-    if (d.noise.x == 0.0f || (d.dark.y == 0.0f && d.dark.z == 0.0f)) {
+    if (d.noise == 0.0f || (d.dsnu == 0.0f && d.prnu == 0.0f)) {
         return none;
     }
     Words words = words_of(d, column, row, FIXED_PATTERN);
@@ -40,11 +53,11 @@ DEVICE Normals fixed_pattern(Design d, COUNTER column, COUNTER row) {
 
 /* Grey level of a pixel in image k, from its exposure E. */
 DEVICE REAL grey_level(REAL signal, Design d, int k, COUNTER column, COUNTER row, Normals pattern) {
-    if (d.noise.x == 0.0f) {
-        return saturated(signal, d.sensor.y);
+    if (d.noise == 0.0f) {
+        return saturated(signal, d.full_scale);
     }
     Words words = words_of(d, column, row, UINT(k));
-    return noisy_grey_level(signal, pattern, words, d.sensor, d.dark);
+    return noisy_grey_level(signal, pattern, words, d);
 }
 
 #endif

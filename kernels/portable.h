@@ -11,6 +11,7 @@
 
 #define DEVICE
 #define STRUCT(name) struct name
+#define RECORD(name) struct name
 #define REAL float
 #define COUNTER uint
 #define MASK bool
@@ -19,9 +20,7 @@
 #define TO_COUNTER(x) uint(x)
 #define FLOAT(i) float(i)
 #define UINT(x) uint(x)
-#define float2 vec2
-#define float3 vec3
-#define float4 vec4
+#define INT(x) int(x)
 #define fabs abs
 #define rint roundEven
 
@@ -30,7 +29,10 @@
 #define DEVICE static inline
 #define FLOAT(i) ((float)(i))
 #define UINT(x) ((uint)(x))
+#define INT(x) ((int)(x))
 #define STRUCT(name) typedef struct name name; struct name
+/* Aligned, a compiler loads it by four. */
+#define RECORD(name) typedef struct name name; struct __attribute__((aligned(16))) name
 #if WIDTH == 8
 #define REAL float8
 #define COUNTER uint8

@@ -2,13 +2,6 @@
 #ifndef REFLECTION_H
 #define REFLECTION_H
 
-/* Why a ray sees no light. */
-#define LOST_NOT 0.0f
-#define LOST_BESIDE 1.0f
-#define LOST_DOWN 2.0f
-#define LOST_END 3.0f
-#define LOST_OPENING 4.0f
-
 /* Smallest footprint on the light, in mm: a point-sampled pixel, kept finite. */
 #define FOOTPRINT_MIN 1e-4f
 
@@ -115,14 +108,14 @@ DEVICE Hit hit_arch(Vector origin, Vector ray, float radius) {
     return hit;
 }
 
-DEVICE Hit hit_tunnel(Vector origin, Vector ray, float4 tunnel) {
-    if (tunnel.x == 2.0f) {
-        return hit_arch(origin, ray, tunnel.y);
+DEVICE Hit hit_tunnel(Vector origin, Vector ray, Geometry g) {
+    if (g.section == SECTION_ARCH) {
+        return hit_arch(origin, ray, g.tunnel_top);
     }
-    if (tunnel.x == 1.0f) {
-        return hit_box(origin, ray, tunnel.y, tunnel.z);
+    if (g.section == SECTION_BOX) {
+        return hit_box(origin, ray, g.tunnel_top, g.tunnel_half_width);
     }
-    return hit_ceiling(origin, ray, tunnel.y);
+    return hit_ceiling(origin, ray, g.tunnel_top);
 }
 
 /* Fresnel reflectance of unpolarised light on a medium n - ik, at the cosine of the angle of
@@ -143,6 +136,105 @@ DEVICE REAL fresnel_reflectance(REAL cosine, float n, float k) {
     return 0.5f * rs * (1.0f + (t3 - t4) / (t3 + t4));
 }
 
+/* A camera ray that meets the part. */
+STRUCT(CameraRay) {
+    REAL x0;          /* where it passes z = 0, mm */
+    REAL y0;
+    Vector point;     /* S, where it meets the surface */
+    Vector direction; /* I = (S - O)/|S - O|, from the pinhole O = (0, 0, h) */
+    REAL distance;    /* |S - O| */
+};
+
+/* Camera ray through (x0, y0, 0) to the height z: S = (x0 k, y0 k, z), k = 1 - z/h. */
+DEVICE CameraRay camera_ray(REAL x0, REAL y0, REAL z, float h) {
+    REAL k = 1.0f - z / h;
+    CameraRay c;
+    c.x0 = x0;
+    c.y0 = y0;
+    c.point = vector(x0 * k, y0 * k, z);
+    Vector view = vector(c.point.x, c.point.y, z - h);
+    c.distance = sqrt(inner(view, view));
+    c.direction = scaled(1.0f / c.distance, view);
+    return c;
+}
+
+/* The part as a mirror at a point. */
+STRUCT(Mirror) {
+    Vector normal; /* unit vector N = n/|n| of n = (-dz/dx, -dz/dy, 1) */
+    REAL length;   /* |n| */
+    Vector ray;    /* R, what it makes of the camera ray */
+};
+
+/* Law of reflection at the surface: R = I - 2 (I.N) N. */
+DEVICE Mirror mirror_of(CameraRay c, Surface s) {
+    Vector upright = surface_normal(s);
+    Mirror m;
+    m.length = sqrt(inner(upright, upright));
+    m.normal = scaled(1.0f / m.length, upright);
+    m.ray = reflect_direction(c.direction, m.normal);
+    return m;
+}
+
+/* Change of the light coordinate l = L_x, L = S + t R, as the camera ray's point on z = 0 moves by
+   (dx, dy): dL = dS + t dR + dt R stays in the tunnel's tangent plane, T.dL = 0.
+   H. Igehy, Tracing ray differentials, SIGGRAPH 1999, eqs. 10 to 14. */
+DEVICE REAL light_change(Geometry g, Surface s, CameraRay c, Mirror m, Hit hit, float dx,
+                         float dy) {
+    Vector dp = surface_change(s, c.x0, c.y0, c.point.z, g.camera_height, dx, dy, g.rises);
+    Vector di = unit_change(c.direction, c.distance, dp);
+    Vector dn = vector(-(s.curve_xx * dp.x + s.curve_xy * dp.y),
+                       -(s.curve_xy * dp.x + s.curve_yy * dp.y), 0.0f);
+    Vector dr = reflect_change(c.direction, m.normal, di, unit_change(m.normal, m.length, dn));
+    Vector moved = along(dp, hit.path, dr);
+    REAL facing = inner(hit.normal, m.ray);
+    REAL dt = -inner(hit.normal, moved) / max(facing, 1e-6f);
+    return moved.x + dt * m.ray.x;
+}
+
+/* Footprint w on the light: w^2 is the sum of the squares of four boxes, each of the variance of
+   the true kernel: the changes of l over a sub-ray's square along columns and along rows, the
+   pupil's sqrt(3)/2 D t/|S - O|, the roughness' sqrt(12) 2 alpha t. */
+DEVICE REAL footprint_of(Geometry g, Surface s, CameraRay c, Mirror m, Hit hit) {
+    float p = g.sampling / g.subsampling;
+    REAL square = 0.0f;
+    for (int axis = 0; axis < 2; axis++) {
+        float dx = (axis == 0) ? p : 0.0f;
+        REAL dl = light_change(g, s, c, m, hit, dx, p - dx);
+        square += dl * dl;
+    }
+    REAL pupil = 0.8660254f * g.pupil * hit.path / c.distance;
+    REAL rough = 6.9282032f * g.roughness * hit.path;
+    return max(sqrt(square + pupil * pupil + rough * rough), FOOTPRINT_MIN);
+}
+
+/* Why the ray to the light point sees no light: the first that holds of beside the part, reflected
+   down, past the tunnel's end, in the camera's opening (a rectangle in the tunnel's top). */
+DEVICE REAL loss_of(Geometry g, CameraRay c, Mirror m, Hit hit, Vector light) {
+    MASK opening = fabs(light.x) <= g.opening_half_length && fabs(light.y) <= g.opening_half_width
+                   && hit.normal.z > 0.0f && g.opening_half_length > 0.0f;
+    REAL lost = (opening ? LOST_OPENING : LOST_NOT);
+    lost = (fabs(light.x) > g.tunnel_half_length ? LOST_END : lost);
+    lost = (m.ray.z <= 0.0f ? LOST_DOWN : lost);
+    MASK beside = fabs(c.point.x) > g.half_length || fabs(c.point.y) > g.half_width;
+    return (beside ? LOST_BESIDE : lost);
+}
+
+/* Of a pixel's sub-rays, one after another: it is seen if any is, else lost for the largest reason.
+   Begins with LOST_BESIDE, the least. */
+DEVICE REAL loss_of_both(REAL a, REAL b) {
+    return (min(a, b) == LOST_NOT ? LOST_NOT : max(a, b));
+}
+
+/* Relative irradiance on the sensor: the mirror's reflectance, and cos^4 of the field angle where
+   the camera has vignetting. */
+DEVICE REAL irradiance_of(Geometry g, CameraRay c, Mirror m) {
+    float h = g.camera_height;
+    REAL cosine = h / sqrt(c.x0 * c.x0 + c.y0 * c.y0 + h * h);
+    REAL field = (g.vignetting > 0.0f) ? cosine * cosine * cosine * cosine : 1.0f;
+    return field * fresnel_reflectance(fabs(inner(c.direction, m.normal)), g.refractive_index,
+                                       g.extinction);
+}
+
 /* What one ray knows of the light: the light map's entry. */
 STRUCT(Sight) {
     REAL light;      /* light coordinate l, mm */
@@ -152,58 +244,21 @@ STRUCT(Sight) {
     REAL lost;       /* LOST_... */
 };
 
-/* One ray whole: the surface `s` at the point S = (x0, y0, 0) k + (0, 0, z), k = 1 - z/h, through
-   which the camera ray of (x0, y0, 0) passes. Footprint: w^2 is the sum of the squares of
-   the changes of l over one pixel along columns and rows (ray differentials), of the pupil's
-   box (sqrt(3)/2) D t/|S - O| and of the roughness' box sqrt(12) 2 alpha t: each the box of the
-   same variance as the true kernel. */
+/* One ray whole, from the camera over the surface `s` at height z to the light. */
 DEVICE Sight sight(Geometry g, Surface s, REAL x0, REAL y0, REAL z) {
-    float h = g.camera.x;
-    float p = g.camera.z / g.camera.w;
-    REAL k = 1.0f - z / h;
-    Vector point = vector(x0 * k, y0 * k, z);
-    Vector view = vector(point.x, point.y, z - h);
-    REAL viewing = sqrt(inner(view, view));
-    Vector incident = scaled(1.0f / viewing, view);
-    Vector upright = surface_normal(s);
-    REAL upright_length = sqrt(inner(upright, upright));
-    Vector normal = scaled(1.0f / upright_length, upright);
-    Vector ray = reflect_direction(incident, normal);
-    Hit hit = hit_tunnel(point, ray, g.tunnel);
-    REAL square = 0.0f;
-    for (int axis = 0; axis < 2; axis++) {
-        float dx = (axis == 0) ? p : 0.0f;
-        Vector dp = surface_change(s, x0, y0, z, h, dx, p - dx, g.image.z);
-        Vector di = unit_change(incident, viewing, dp);
-        Vector dn = vector(-(s.curve_xx * dp.x + s.curve_xy * dp.y),
-                           -(s.curve_xy * dp.x + s.curve_yy * dp.y), 0.0f);
-        Vector dr = reflect_change(incident, normal, di, unit_change(normal, upright_length, dn));
-        Vector moved = along(dp, hit.path, dr);
-        REAL facing = inner(hit.normal, ray);
-        REAL dt = -inner(hit.normal, moved) / max(facing, 1e-6f);
-        REAL dl = moved.x + dt * ray.x;
-        square += dl * dl;
-    }
-    REAL pupil = 0.8660254f * g.camera.y * hit.path / viewing;
-    REAL rough = 6.9282032f * g.opening.w * hit.path;
+    CameraRay c = camera_ray(x0, y0, z, g.camera_height);
+    Mirror m = mirror_of(c, s);
+    Hit hit = hit_tunnel(c.point, m.ray, g);
+    Vector light = along(c.point, hit.path, m.ray);
+    REAL footprint = footprint_of(g, s, c, m, hit);
+    REAL irradiance = irradiance_of(g, c, m);
     Sight v;
-    v.light = point.x + hit.path * ray.x;
-    v.footprint = max(sqrt(square + pupil * pupil + rough * rough), FOOTPRINT_MIN);
-    v.across = point.y + hit.path * ray.y;
-    MASK opening = fabs(v.light) <= g.opening.x && fabs(v.across) <= g.opening.y
-                   && hit.normal.z > 0.0f && g.opening.x > 0.0f;
-    REAL lost = (opening ? LOST_OPENING : LOST_NOT);
-    lost = (fabs(v.light) > g.tunnel.w ? LOST_END : lost);
-    lost = (ray.z <= 0.0f ? LOST_DOWN : lost);
-    MASK beside = fabs(point.x) > g.part.x || fabs(point.y) > g.part.y;
-    v.lost = (beside ? LOST_BESIDE : lost);
-    REAL cosine = h / sqrt(x0 * x0 + y0 * y0 + h * h);
-    REAL field = (g.image.w > 0.0f) ? cosine * cosine * cosine * cosine : 1.0f;
-    REAL seen = field * fresnel_reflectance(fabs(inner(incident, normal)), g.material.x, g.material.y);
-    MASK lit = v.lost == 0.0f;
-    v.irradiance = (lit ? seen : 0.0f);
-    v.light = (lit ? v.light : 0.0f);
-    v.footprint = (lit ? v.footprint : 1.0f);
+    v.lost = loss_of(g, c, m, hit, light);
+    MASK lit = v.lost == LOST_NOT;
+    v.light = (lit ? light.x : 0.0f);
+    v.across = light.y;
+    v.footprint = (lit ? footprint : 1.0f);
+    v.irradiance = (lit ? irradiance : 0.0f);
     return v;
 }
 

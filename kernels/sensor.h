@@ -88,14 +88,14 @@ DEVICE REAL saturated(REAL signal, float full_scale) {
 /* Grey level of one pixel of one image with noise: electrons n ~ Poisson(mu_sat E + dark), plus
    N(0, sigma_d), clipped at saturation; y = clip(round(K n + black level), 0, full scale), quantised
    once. PRNU and DSNU scale and shift each pixel the same way in every image. */
-DEVICE REAL noisy_grey_level(REAL signal, Normals pattern, Words words, float4 sensor, float4 dark) {
-    REAL mu = sensor.z * signal * max(1.0f + dark.z * pattern.first, 0.0f)
-              + max(dark.x + dark.y * pattern.second, 0.0f);
+DEVICE REAL noisy_grey_level(REAL signal, Normals pattern, Words words, Design d) {
+    REAL mu = d.saturation * signal * max(1.0f + d.prnu * pattern.first, 0.0f)
+              + max(d.dark_signal + d.dsnu * pattern.second, 0.0f);
     Normals normal = normal_numbers(words.b, words.c);
     REAL electrons = poisson_number(mu, uniform_number(words.a), normal.first)
-                     + sensor.w * normal.second;
-    float gain = (sensor.y - dark.w) / sensor.z;
-    return clamp(rint(gain * min(electrons, sensor.z) + dark.w), 0.0f, sensor.y);
+                     + d.read_noise * normal.second;
+    float gain = (d.full_scale - d.black_level) / d.saturation;
+    return clamp(rint(gain * min(electrons, d.saturation) + d.black_level), 0.0f, d.full_scale);
 }
 
 #endif

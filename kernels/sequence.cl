@@ -6,9 +6,6 @@
 #include "sensor.h"
 #include "image.h"
 
-/* Images whose exposure is worked out together: each sub-ray's trapezoid is made once for all. */
-#define CHUNK 8
-
 /* The light map of a tile and where this work-item stands in it. */
 typedef struct {
     __global const float *light;
@@ -19,109 +16,55 @@ typedef struct {
     int sub_rays;
 } Pixels;
 
-/* Exposure of sub-ray i as a function of the shift. */
-DEVICE Trapezoid exposed_at(Pixels px, Design d, int i) {
+DEVICE Ray ray_at(Pixels px, int i) {
     size_t at = px.at + i * px.plane;
-    return exposed_ray(d, LOAD(px.light, at), LOAD(px.footprint, at), LOAD(px.irradiance, at),
-                       px.sub_rays);
+    Ray ray = {LOAD(px.light, at), LOAD(px.footprint, at), LOAD(px.irradiance, at)};
+    return ray;
 }
 
-/* Exposure E of CHUNK images from image `first` on, summed over sub-rays. */
-DEVICE void exposures(Pixels px, Design d, int first, REAL signal[CHUNK]) {
-    for (int j = 0; j < CHUNK; j++) {
-        signal[j] = 0.0f;
-    }
-    for (int i = 0; i < px.sub_rays; i++) {
-        Trapezoid t = exposed_at(px, d, i);
-        for (int j = 0; j < CHUNK; j++) {
-            signal[j] += at_shift(t, shift_of(d, first + j));
-        }
-    }
-}
+#define RAY(px, i) ray_at(px, i)
+#include "scan.h"
 
 /* What a work-item starts from: its pixels, and where in the launch's grey levels they stand. */
 #define PIXELS(px, column, row)                                                               \
-    Pixels px;                                                                                \
     size_t stride = get_global_size(0) * WIDTH;                                               \
-    px.light = light;                                                                         \
-    px.footprint = footprint;                                                                 \
-    px.irradiance = irradiance;                                                               \
-    px.sub_rays = sub_rays;                                                                   \
-    px.plane = stride * (size_t)rows;                                                         \
-    px.at = get_global_id(1) * stride + get_global_id(0) * WIDTH;                             \
-    size_t out = px.at - get_global_offset(1) * stride;                                       \
+    size_t at = get_global_id(1) * stride + get_global_id(0) * WIDTH;                         \
+    Pixels px = {light, footprint, irradiance, at, stride * (size_t)rows, sub_rays};          \
+    size_t out = at - get_global_offset(1) * stride;                                          \
     Design d = *design;                                                                       \
     COUNTER column = TO_COUNTER((float)(get_global_id(0) * WIDTH) + LANES);                   \
-    COUNTER row = (uint)(first_row + get_global_id(1));                                       \
-    Normals pattern = fixed_pattern(d, column, row);
+    COUNTER row = (uint)(first_row + get_global_id(1));
 
 /* Image k of the sequence, in grey levels. */
 __kernel void image_at(__global float *grey, __global const float *light,
                        __global const float *footprint, __global const float *irradiance,
-                       __constant Design *design, int sub_rays, int first_row, int rows, int k) {
+                       __global const Design *restrict design, int sub_rays, int first_row,
+                       int rows, int k) {
     PIXELS(px, column, row)
-    REAL signal = 0.0f;
-    for (int i = 0; i < sub_rays; i++) {
-        signal += at_shift(exposed_at(px, d, i), shift_of(d, k));
-    }
-    STORE(grey_level(signal, d, k, column, row, pattern), grey, out);
+    Normals pattern = fixed_pattern(d, column, row);
+    STORE(grey_level(signal_of(d, px, k), d, k, column, row, pattern), grey, out);
 }
 
 /* Mean of all images, without holding any. */
 __kernel void mean_of_images(__global float *mean, __global const float *light,
                              __global const float *footprint, __global const float *irradiance,
-                             __constant Design *design, int sub_rays, int first_row, int rows) {
+                             __global const Design *restrict design, int sub_rays, int first_row,
+                             int rows) {
     PIXELS(px, column, row)
-    int images = (int)d.sequence.x;
-    REAL sum = 0.0f;
-    for (int first = 0; first < images; first += CHUNK) {
-        REAL signal[CHUNK];
-        exposures(px, d, first, signal);
-        REAL part = 0.0f;
-        for (int j = 0; j < CHUNK; j++) {
-            if (first + j < images) {
-                part += grey_level(signal[j], d, first + j, column, row, pattern);
-            }
-        }
-        sum += part;
-    }
-    STORE(sum / (float)images, mean, out);
+    STORE(mean_over_images(d, px, column, row), mean, out);
 }
 
-/* Mean, maximum, minimum, standard deviation and mean |y(k + m) - y(k)| in one pass, one plane
-   each. The differential pairs wrap around where the shifts fill the period; else the last
-   m images begin no pair. Deviation by Welford's update, which does not cancel. */
+/* Mean, maximum, minimum, standard deviation and differential, one plane each. */
 __kernel void fuse_images(__global float *fused, __global const float *light,
                           __global const float *footprint, __global const float *irradiance,
-                          __constant Design *design, int sub_rays, int first_row, int rows) {
+                          __global const Design *restrict design, int sub_rays, int first_row,
+                          int rows) {
     PIXELS(px, column, row)
-    int images = (int)d.sequence.x, lag = (int)d.sequence.w, pairs = (int)d.noise.w;
-    REAL mean = 0.0f, spread = mean, difference = mean;
-    REAL high = mean, low = mean + d.sensor.y;
-    for (int first = 0; first < images; first += CHUNK) {
-        REAL signal[CHUNK], later[CHUNK];
-        exposures(px, d, first, signal);
-        exposures(px, d, first + lag, later);
-        for (int j = 0; j < CHUNK; j++) {
-            int k = first + j;
-            if (k < images) {
-                REAL y = grey_level(signal[j], d, k, column, row, pattern);
-                REAL gap = y - mean;
-                mean += gap / (float)(k + 1);
-                spread += gap * (y - mean);
-                high = max(high, y);
-                low = min(low, y);
-                if (k < pairs) {
-                    int partner = (k + lag) % images;
-                    difference += fabs(grey_level(later[j], d, partner, column, row, pattern) - y);
-                }
-            }
-        }
-    }
     size_t plane = stride * get_global_size(1);
-    STORE(mean, fused, out);
-    STORE(high, fused, out + plane);
-    STORE(low, fused, out + 2 * plane);
-    STORE(sqrt(max(spread / (float)images, 0.0f)), fused, out + 3 * plane);
-    STORE(difference / (float)(pairs > 0 ? pairs : 1), fused, out + 4 * plane);
+    Fusion f = fusion_over_images(d, px, column, row);
+    STORE(f.mean, fused, out);
+    STORE(f.high, fused, out + plane);
+    STORE(f.low, fused, out + 2 * plane);
+    STORE(f.deviation, fused, out + 3 * plane);
+    STORE(f.difference, fused, out + 4 * plane);
 }

@@ -64,16 +64,16 @@ STRUCT(Nearest) {
 };
 
 /* Nearest point of one straight piece; (dx, dy) leads from its start to the ray. */
-DEVICE Nearest nearest_point(REAL dx, REAL dy, float4 course) {
-    REAL share = (dx * course.x + dy * course.y) * course.z;
+DEVICE Nearest nearest_point(REAL dx, REAL dy, Groove piece) {
+    REAL share = (dx * piece.along_x + dy * piece.along_y) * piece.inverse_square;
     REAL foot = clamp(share, 0.0f, 1.0f);
-    REAL unit = (share == foot ? course.w : 0.0f);
+    REAL unit = (share == foot ? piece.inverse_length : 0.0f);
     Nearest n;
-    n.away_x = dx - foot * course.x;
-    n.away_y = dy - foot * course.y;
+    n.away_x = dx - foot * piece.along_x;
+    n.away_y = dy - foot * piece.along_y;
     n.square = n.away_x * n.away_x + n.away_y * n.away_y;
-    n.along_x = unit * course.x;
-    n.along_y = unit * course.y;
+    n.along_x = unit * piece.along_x;
+    n.along_y = unit * piece.along_y;
     return n;
 }
 

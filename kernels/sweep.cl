@@ -6,9 +6,6 @@
 #include "sensor.h"
 #include "image.h"
 
-#define LEVELS 256
-#define NO_PIXEL 0xffffffffu
-
 /* Level of a grey level: of the 256 thresholds, 1 / `per_dn` apart from 0 on, how many it is above.
    With 8 bits per pixel they are the whole grey levels, `per_dn` is 1. A level is the place of a
    counter: what rounding puts above the last is the last, and what is no number is 0. */
@@ -21,8 +18,8 @@ DEVICE REAL level_of(REAL grey, float per_dn) {
 
 /* Level of a pixel of the aspect image under the design d. */
 #define LEVEL(at)                                                                              \
-    level_of(d.sensor.y * mean_over_scan(exposed_ray(d, LOAD(light, at), LOAD(footprint, at),  \
-                                                     LOAD(irradiance, at), 1), d.sequence.z),  \
+    level_of(d.full_scale * mean_over_scan(exposed_ray(d, LOAD(light, at), LOAD(footprint, at),  \
+                                                     LOAD(irradiance, at), 1), d.distinct_shifts),  \
              per_dn)
 
 #if WIDTH == 8
@@ -128,7 +125,7 @@ __kernel void ceilings(__global float *highest, __global const float *footprint,
     size_t at = get_global_id(1) * WIDTH;
     Trapezoid t = exposed_ray(d, 0.0f, LOAD(footprint, at), LOAD(irradiance, at), 1);
     size_t begin = get_global_offset(1) * WIDTH;
-    STORE(per_dn * (d.sensor.y * highest_mean_over_scan(t, d.sequence.z)), highest,
+    STORE(per_dn * (d.full_scale * highest_mean_over_scan(t, d.distinct_shifts)), highest,
           get_global_id(0) * get_global_size(1) * WIDTH + at - begin);
 }
 

@@ -11,6 +11,7 @@ void main() {
         return;
     }
     place_pixel();
-    vec3 ray = RAY(0);
-    grey[at] = d.sensor.y * mean_over_scan(exposed_ray(d, ray.x, ray.y, ray.z, 1), d.sequence.z);
+    Ray ray = ray_at(0);
+    Trapezoid t = exposed_ray(d, ray.light, ray.footprint, ray.irradiance, 1);
+    grey[at] = d.full_scale * mean_over_scan(t, d.distinct_shifts);
 }

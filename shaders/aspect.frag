@@ -2,6 +2,8 @@
    800; or with LOST, why the pixel sees no light. */
 #include "portable.h"
 #include "station.h"
+#include "surface.h"
+#include "reflection.h"
 #include "stripes.h"
 #include "sensor.h"
 #include "image.h"
@@ -11,19 +13,14 @@ out float value;
 
 void main() {
 #ifdef LOST
-    float first = entry(0).w;
-    float least = first;
-    float most = first;
-    for (int i = 1; i < sub_rays; i++) {
-        float lost = entry(i).w;
-        least = min(least, lost);
-        most = max(most, lost);
+    float reason = LOST_BESIDE;
+    for (int i = 0; i < sub_rays; i++) {
+        reason = loss_of_both(reason, entry(i).w);
     }
-    /* Seen if any sub-ray is, else the largest reason, as in `kernels/trace.cl`; target of bytes. */
-    value = (least == 0.0 ? 0.0 : most) / 255.0;
+    value = reason / 255.0; /* target of bytes */
 #else
-    vec3 ray = RAY(0);
-    Trapezoid t = exposed_ray(given, ray.x, ray.y, ray.z, 1);
-    value = given.sensor.y * mean_over_scan(t, given.sequence.z);
+    Ray ray = ray_at(0);
+    Trapezoid t = exposed_ray(given, ray.light, ray.footprint, ray.irradiance, 1);
+    value = given.full_scale * mean_over_scan(t, given.distinct_shifts);
 #endif
 }

@@ -19,7 +19,7 @@ Geometry g;
 Design design() {
     Design all = given;
 #ifndef NOISE
-    all.noise.x = 0.0;
+    all.noise = 0.0;
 #endif
     return all;
 }
@@ -27,5 +27,9 @@ Design design() {
 vec4 entry(int i) {
     return texelFetch(rays, texel() + ivec2(0, i * rows * WRAPS), 0);
 }
-#define RAY(i) entry(i).xyz
-#define RAY4(i) entry(i)
+
+Ray ray_at(int i) {
+    vec4 ray = entry(i);
+    return Ray(ray.x, ray.y, ray.z);
+}
+#define ACROSS(i) entry(i).w

@@ -1,22 +1,24 @@
-/* What becomes of the light map: one image, the running mean and the other fusions, the closed
-   form. The including shader says how a sub-ray is fetched, RAY(i) = (light, footprint, irradiance),
-   and has `d` (Design), `sub_rays`, and the pixel's column and row in the whole image.
-   The plumbing of `kernels/sequence.cl` and `aspect.cl`, in GLSL. */
+/* A pixel's images in GLSL: what `kernels/scan.h` makes of stripes, and a light of the user's own in
+   their place. The including shader has `d` (Design) and `sub_rays`, and fetches a sub-ray by
+   ray_at(i), the other coordinate of its light point by ACROSS(i). */
+struct Pixels {
+    int sub_rays;
+};
 
-/* Images whose exposure is worked out together: each sub-ray's trapezoid is made once for all. */
-#define CHUNK 8
+#define RAY(px, i) ray_at(i)
 
 #ifdef PATTERN
-/* A light of the user's own (PICTURE: the whole image of the user's own). RAY4(i) has the other
-   coordinate of the light point in w; `place` is the pixel's (column, row). */
+/* A light of the user's own (PICTURE: the whole image of the user's own); `place` is the pixel's
+   (column, row). */
 vec2 place;
 #include "pattern.glsl"
 
-float value_at(vec4 ray, int k) {
+float value_at(int i, int k) {
+    Ray ray = ray_at(i);
 #ifdef PICTURE
-    return picture(place, ray.x, ray.w, ray.y, k);
+    return picture(place, ray.light, ACROSS(i), ray.footprint, k);
 #else
-    return pattern(ray.x, ray.w, shift_of(d, k) / d.stripes.y, ray.y);
+    return pattern(ray.light, ACROSS(i), shift_of(d, k) / d.periods_per_mm, ray.footprint);
 #endif
 }
 
@@ -25,129 +27,63 @@ float bounded(float value) {
     return value >= 0.0 ? min(value, 1.0) : 0.0;
 }
 
-float signal_of(int k) {
+float signal_of(Design design, Pixels px, int k) {
     float signal = 0.0;
-    for (int i = 0; i < sub_rays; i++) {
-        vec4 ray = RAY4(i);
-        float value = bounded(value_at(ray, k));
+    for (int i = 0; i < px.sub_rays; i++) {
+        float irradiance = ray_at(i).irradiance;
+        float value = bounded(value_at(i, k));
 #ifdef PICTURE
-        signal += ray.z > 0.0 ? value / float(sub_rays) : 0.0;
+        signal += irradiance > 0.0 ? value / float(px.sub_rays) : 0.0;
 #else
-        signal += exposure_of(d, value, ray.z, sub_rays);
+        signal += exposure_of(design, value, irradiance, px.sub_rays);
 #endif
     }
     return signal;
 }
 
-void exposures(int begin, out float signal[CHUNK]) {
+Signals signals_from(Design design, Pixels px, int first) {
+    Signals signals;
     for (int j = 0; j < CHUNK; j++) {
-        signal[j] = signal_of(begin + j);
+        signals.value[j] = signal_of(design, px, first + j);
     }
+    return signals;
 }
 
 /* Share of a pixel's samples that are NaN or outside [0, 1]; every PROBES-th image is looked at. */
 #define PROBES 8
 float faulty_share() {
-    int images = int(d.sequence.x);
+    int images = int(d.images);
     float count = 0.0;
     for (int k = 0; k < images; k += PROBES) {
         for (int i = 0; i < sub_rays; i++) {
-            vec4 ray = RAY4(i);
-            float value = value_at(ray, k);
-            count += ray.z > 0.0 && !(value >= 0.0 && value <= 1.0) ? 1.0 : 0.0;
+            float value = value_at(i, k);
+            count += ray_at(i).irradiance > 0.0 && !(value >= 0.0 && value <= 1.0) ? 1.0 : 0.0;
         }
     }
     return count / float((images + PROBES - 1) / PROBES * sub_rays);
 }
-#else
-Trapezoid seen_by(vec3 ray) {
-    return exposed_ray(d, ray.x, ray.y, ray.z, sub_rays);
-}
-
-/* Exposure of image k, summed over sub-rays. */
-float signal_of(int k) {
-    float signal = 0.0;
-    for (int i = 0; i < sub_rays; i++) {
-        signal += at_shift(seen_by(RAY(i)), shift_of(d, k));
-    }
-    return signal;
-}
-
-/* Exposure of CHUNK images from image `begin` on, summed over sub-rays. */
-void exposures(int begin, out float signal[CHUNK]) {
-    for (int j = 0; j < CHUNK; j++) {
-        signal[j] = 0.0;
-    }
-    for (int i = 0; i < sub_rays; i++) {
-        Trapezoid t = seen_by(RAY(i));
-        for (int j = 0; j < CHUNK; j++) {
-            signal[j] += at_shift(t, shift_of(d, begin + j));
-        }
-    }
-}
 #endif
 
-float mean_of_images(uint column, uint row) {
-    Normals fixed_ = fixed_pattern(d, column, row);
-    int images = int(d.sequence.x);
-    float sum = 0.0;
+#include "scan.h"
+
+/* Image k, in grey levels. */
+float image_of(uint column, uint row, int k) {
+    float signal = signal_of(d, Pixels(sub_rays), k);
+    return grey_level(signal, d, k, column, row, fixed_pattern(d, column, row));
+}
+
+/* Mean of all images; in a loop of its own where llvmpipe would mask what a pixel has not. */
+float mean_of(uint column, uint row) {
 #ifndef PATTERN
-    if (d.noise.x == 0.0 && sub_rays == 1) {
-        Trapezoid only = seen_by(RAY(0));
+    if (d.noise == 0.0 && sub_rays == 1) {
+        Trapezoid only = exposed_at(d, Pixels(1), 0);
+        int images = int(d.images);
+        float sum = 0.0;
         for (int k = 0; k < images; k++) {
             sum += min(at_shift(only, shift_of(d, k)), 1.0);
         }
-        return d.sensor.y * sum / float(images);
+        return d.full_scale * sum / float(images);
     }
 #endif
-    for (int begin = 0; begin < images; begin += CHUNK) {
-        float signal[CHUNK];
-        exposures(begin, signal);
-        for (int j = 0; j < CHUNK; j++) {
-            if (begin + j < images) {
-                sum += grey_level(signal[j], d, begin + j, column, row, fixed_);
-            }
-        }
-    }
-    return sum / float(images);
-}
-
-struct Fused {
-    float mean;
-    float high;
-    float low;
-    float deviation;
-    float difference;
-};
-
-Fused fuse_images(uint column, uint row) {
-    Normals fixed_ = fixed_pattern(d, column, row);
-    int images = int(d.sequence.x);
-    int lag = int(d.sequence.w);
-    int pairs = int(d.noise.w);
-    Fused f = Fused(0.0, 0.0, d.sensor.y, 0.0, 0.0);
-    for (int begin = 0; begin < images; begin += CHUNK) {
-        float signal[CHUNK];
-        float later[CHUNK];
-        exposures(begin, signal);
-        exposures(begin + lag, later);
-        for (int j = 0; j < CHUNK; j++) {
-            int k = begin + j;
-            if (k < images) {
-                float y = grey_level(signal[j], d, k, column, row, fixed_);
-                float gap = y - f.mean;
-                f.mean += gap / float(k + 1);
-                f.deviation += gap * (y - f.mean);
-                f.high = max(f.high, y);
-                f.low = min(f.low, y);
-                if (k < pairs) {
-                    int partner = (k + lag) % images;
-                    f.difference += abs(grey_level(later[j], d, partner, column, row, fixed_) - y);
-                }
-            }
-        }
-    }
-    f.deviation = sqrt(max(f.deviation / float(images), 0.0));
-    f.difference /= float(max(pairs, 1));
-    return f;
+    return mean_over_images(d, Pixels(sub_rays), column, row);
 }

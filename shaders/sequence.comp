@@ -19,16 +19,16 @@ void main() {
     place = vec2(float(column), float(row));
 #endif
 #ifdef IMAGE
-    grey[at] = grey_level(signal_of(more.x), d, more.x, column, row, fixed_pattern(d, column, row));
+    grey[at] = image_of(column, row, more.x);
 #endif
 #ifdef FAULTY
     grey[at] = faulty_share();
 #endif
 #ifdef MEAN
-    grey[at] = mean_of_images(column, row);
+    grey[at] = mean_of(column, row);
 #endif
 #ifdef FUSE
-    Fused f = fuse_images(column, row);
+    Fusion f = fusion_over_images(d, Pixels(sub_rays), column, row);
     grey[at] = f.mean;
     grey[at + plane] = f.high;
     grey[at + 2 * plane] = f.low;

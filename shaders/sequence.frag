@@ -29,18 +29,17 @@ void main() {
     place = vec2(pixel);
 #endif
 #if defined(FUSE)
-    Fused f = fuse_images(pixel.x, pixel.y);
+    Fusion f = fusion_over_images(d, Pixels(sub_rays), pixel.x, pixel.y);
     mean = f.mean;
     high = f.high;
     low = f.low;
     deviation = f.deviation;
     difference = f.difference;
 #elif defined(MEAN)
-    grey = mean_of_images(pixel.x, pixel.y);
+    grey = mean_of(pixel.x, pixel.y);
 #elif defined(FAULTY)
     grey = faulty_share();
 #else
-    Normals fixed_ = fixed_pattern(d, pixel.x, pixel.y);
-    grey = grey_level(signal_of(k), d, k, pixel.x, pixel.y, fixed_);
+    grey = image_of(pixel.x, pixel.y, k);
 #endif
 }

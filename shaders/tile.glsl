@@ -1,7 +1,7 @@
 /* What a compute shader needs to make images of a tile: its light map in storage buffers. One
    invocation per pixel; `place_pixel` fills what scan.glsl asks for. Without NOISE or with ONE_RAY
    the compiler is told, or lavapipe works out every image's noise only to mask it. */
-layout(local_size_x = 128) in;
+layout(local_size_x = GROUP) in;
 
 layout(std140, set = 0, binding = 0) uniform Designs {
     Design design;
@@ -32,13 +32,11 @@ int sub_rays;
 int at;
 int plane;
 
-vec3 ray_at(int i) {
+Ray ray_at(int i) {
     int entry = at + i * plane;
-    return vec3(light[entry], footprint[entry], irradiance[entry]);
+    return Ray(light[entry], footprint[entry], irradiance[entry]);
 }
-
-#define RAY(i) ray_at(i)
-#define RAY4(i) vec4(ray_at(i), across[at + (i) * plane])
+#define ACROSS(i) across[at + (i) * plane]
 
 void place_pixel() {
     d = design;
@@ -46,7 +44,7 @@ void place_pixel() {
     g = geometry;
 #endif
 #ifndef NOISE
-    d.noise.x = 0.0;
+    d.noise = 0.0;
 #endif
 #ifndef ONE_RAY
     sub_rays = size.w;

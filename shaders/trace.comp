@@ -5,17 +5,17 @@
 #include "surface.h"
 #include "reflection.h"
 
-layout(local_size_x = 128) in;
+layout(local_size_x = GROUP) in;
 
 layout(std140, set = 0, binding = 0) uniform Geometries { Geometry geometry; };
 layout(std140, set = 0, binding = 1) uniform Call {
     ivec4 size; /* columns, rows of the tile, its first row, sub-rays */
     ivec4 more; /* number of the image, number of measured maps, 0, 0 */
 };
-layout(std430, set = 0, binding = 2) readonly buffer Grooves { Groove grooves[]; };
+layout(std430, set = 0, binding = 2) readonly buffer Grooves { vec4 grooves[]; };
 layout(std430, set = 0, binding = 3) readonly buffer Firsts { int firsts[]; };
 layout(std430, set = 0, binding = 4) readonly buffer Pieces { int pieces[]; };
-layout(std430, set = 0, binding = 5) readonly buffer Maps { Map maps[]; };
+layout(std430, set = 0, binding = 5) readonly buffer Maps { vec4 maps[]; };
 layout(std430, set = 0, binding = 6) readonly buffer Coefficients { float coefficients[]; };
 layout(std430, set = 0, binding = 7) buffer Light { float light[]; };
 layout(std430, set = 0, binding = 8) buffer Footprint { float footprint[]; };
@@ -26,24 +26,12 @@ layout(std430, set = 0, binding = 10) buffer Across { float across[]; };
 layout(std430, set = 0, binding = 10) buffer Lost { uint lost[]; };
 #endif
 
-#define GROOVE(i) grooves[i]
-#ifdef GROOVES
-#define BLOCK_FIRST(b) firsts[b]
-#else
-#define BLOCK_FIRST(b) 0
-#endif
-#define PIECE(i) pieces[i]
-#define MAP(i) maps[i]
-#define COEFFICIENT(i) coefficients[i]
-
-Geometry g;
-#ifdef MAPS
-int map_count;
-#else
-const int map_count = 0;
-#endif
-
-#include "relief.glsl"
+#define GROOVE_PART(i) grooves[i]
+#define MAP_PART(i) maps[i]
+#define PIECE(lists, i) pieces[i]
+#define COEFFICIENT(lists, at) coefficients[at]
+#include "records.glsl"
+#include "relief.h"
 
 void main() {
     int column = int(gl_GlobalInvocationID.x);
@@ -51,26 +39,32 @@ void main() {
     if (column >= size.x) {
         return;
     }
-    g = geometry;
+    Geometry g = geometry;
+    Lists lists = Lists(0);
 #ifdef MAPS
-    map_count = more.y;
+    lists.maps = more.y;
+#endif
+    int first = 0;
+    int last = 0;
+#ifdef GROOVES
+    int block = block_of(column, size.z + row, int(g.columns));
+    first = firsts[block];
+    last = firsts[block + 1];
 #endif
     int at = row * size.x + column;
     int plane = size.x * size.y;
     float reason = LOST_BESIDE;
-    bool seen = false;
     for (int i = 0; i < size.w; i++) {
-        Sight v = sub_ray(column, size.z + row, i);
+        Sight v = sub_ray(g, lists, first, last, float(column), float(size.z + row), i);
         light[at + i * plane] = v.light;
         footprint[at + i * plane] = v.footprint;
         irradiance[at + i * plane] = v.irradiance;
 #ifdef ACROSS
         across[at + i * plane] = v.across;
 #endif
-        reason = max(reason, v.lost);
-        seen = seen || v.lost == LOST_NOT;
+        reason = loss_of_both(reason, v.lost);
     }
 #ifndef ACROSS
-    lost[at] = seen ? 0u : uint(reason);
+    lost[at] = uint(reason);
 #endif
 }

@@ -11,8 +11,6 @@ layout(std140) uniform Block {
 };
 #ifdef MAPS
 uniform int map_count;
-#else
-const int map_count = 0;
 #endif
 uniform int width; /* of the tile's texture */
 
@@ -24,31 +22,31 @@ uniform sampler2D maps;
 uniform sampler2D coefficients;
 #define ENTRY(list, i) texelFetch(list, ivec2((i) % LIST_WIDTH, (i) / LIST_WIDTH), 0)
 
-Groove groove_at(int i) {
-    return Groove(ENTRY(grooves, 3 * i), ENTRY(grooves, 3 * i + 1), ENTRY(grooves, 3 * i + 2));
-}
-
-Map map_record(int i) {
-    return Map(ENTRY(maps, 3 * i), ENTRY(maps, 3 * i + 1), ENTRY(maps, 3 * i + 2));
-}
-
-#define GROOVE(i) groove_at(i)
-#ifdef GROOVES
-#define BLOCK_FIRST(b) ENTRY(block_first, b).x
-#else
-#define BLOCK_FIRST(b) 0
-#endif
-#define PIECE(i) ENTRY(pieces, i).x
-#define MAP(i) map_record(i)
-#define COEFFICIENT(i) ENTRY(coefficients, i).x
-#include "relief.glsl"
+#define GROOVE_PART(i) ENTRY(grooves, i)
+#define MAP_PART(i) ENTRY(maps, i)
+#define PIECE(lists, i) ENTRY(pieces, i).x
+#define COEFFICIENT(lists, at) ENTRY(coefficients, int(at)).x
+#include "records.glsl"
+#include "relief.h"
 
 out vec4 entry;
 
 void main() {
     ivec2 at = texel();
     ivec2 pixel = pixel_of(at, width);
-    Sight v = sub_ray(pixel.x, pixel.y, at.y / (rows * WRAPS));
+    Lists lists = Lists(0);
+#ifdef MAPS
+    lists.maps = map_count;
+#endif
+    int first = 0;
+    int last = 0;
+#ifdef GROOVES
+    int block = block_of(pixel.x, pixel.y, int(g.columns));
+    first = ENTRY(block_first, block).x;
+    last = ENTRY(block_first, block + 1).x;
+#endif
+    int index = at.y / (rows * WRAPS);
+    Sight v = sub_ray(g, lists, first, last, float(pixel.x), float(pixel.y), index);
 #ifdef ACROSS
     entry = vec4(v.light, v.footprint, v.irradiance, v.across);
 #else

@@ -1,8 +1,8 @@
 """One device function at a time: a program of a few lines that calls it on many inputs.
 
 Inputs are declared as the function takes them: "REAL x" differs from pixel to pixel, "float cx"
-and "float4 tunnel" are shared by the eight pixels that a CPU's REAL holds. A test body knows no
-more than that, so it runs on every device of `DEVICES`, whatever its language and width.
+and "Geometry g" are shared by the eight pixels that a CPU's REAL holds. A test body knows no more
+than that, so it runs on every device of `DEVICES`, whatever its language and width.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.light.backend import Backend
+from gpuspec.light.constants import GROUP
 from gpuspec.light.opencl import OpenCLBackend
 from gpuspec.light.opengl import LIST_WIDTH, OpenGLBackend
-from gpuspec.light.sources import resolved, resolved_shader
-from gpuspec.light.vulkan import GROUP, VulkanBackend
+from gpuspec.light.sources import resolved, resolved_shader, structs
+from gpuspec.light.vulkan import VulkanBackend
 
 LANES = 8
 """Pixels that share the inputs declared `float`: the widest REAL there is."""
@@ -58,12 +59,13 @@ class OpenCLDevice:
         Parameters
         ----------
         headers : sequence of str
-            Files of `kernels/` after `portable.h`, in the order they need.
+            Files of `kernels/` after `portable.h`, in the order they need; or text that stands
+            between them.
         code : str
             Statements, e.g. ``Surface s = crown(x, y, cx, cy);``.
         inputs : mapping of str to array_like
             Type and name to values: "REAL x" and "COUNTER word" (n, 8), "float cx" (n,),
-            "float4 tunnel" (n, 4).
+            "Geometry g" and the other structs of `station.h` (n, members).
         outputs : sequence of str
             Expressions of type REAL, or "COUNTER " and one of type COUNTER.
 
@@ -76,13 +78,14 @@ class OpenCLDevice:
         parameters, load, store, arguments, count = [], [], [], [], 0
         for declared, values in inputs.items():
             kind, name = declared.split()
-            dtype = np.uint32 if kind == "COUNTER" else np.float32
-            array = np.ascontiguousarray(values, dtype)
+            array = _checked(declared, values)
             count = len(array)
-            assert array.shape == (count, *_SHAPES[kind]), (declared, array.shape)
             element = "uint" if kind == "COUNTER" else "float"
             parameters.append(f"__global const {element} *{name}_")
-            load.append(f"{kind} {name} = {_LOADS[kind].format(name=name)};")
+            if kind in _PER_PIXEL:
+                load.append(f"{kind} {name} = *(__global const {kind} *)({name}_ + at);")
+            else:
+                load.append(_shared(declared, "{name}_[{index}]", "group"))
             arguments.append(b.constant(array))
         results = []
         for number, expression in enumerate(outputs):
@@ -95,13 +98,13 @@ class OpenCLDevice:
             arguments.append(b.empty(results[-1].nbytes))
         lines = [
             '#include "portable.h"',
-            *(f'#include "{header}"' for header in headers),
+            *_included(headers),
             f"__kernel void check({', '.join(parameters)}) {{",
             f"size_t at = get_global_id(0) * WIDTH, group = at / {LANES};",
             *load, code, *store, "}",
         ]  # fmt: skip
         source = edited(resolved("\n".join(lines), "tests/device.py"), self.edits)
-        kernel = b.cl.Kernel(b.program(source, " ".join(headers)), "check")
+        kernel = b.cl.Kernel(b.program(source, "tests/device.py"), "check")
         kernel(b.queue, (count * LANES // b.width,), None, *arguments)
         for result, buffer in zip(results, arguments[len(inputs) :], strict=True):
             b.cl.enqueue_copy(b.queue, result, buffer)
@@ -111,13 +114,35 @@ class OpenCLDevice:
 _TARGETS = 8
 """Targets that a fragment shader of OpenGL 3.3 can draw into."""
 
-_SHAPES = {"REAL": (LANES,), "COUNTER": (LANES,), "float": (), "float4": (4,)}
-_LOADS = {
-    "REAL": "*(__global const REAL *)({name}_ + at)",
-    "COUNTER": "*(__global const COUNTER *)({name}_ + at)",
-    "float": "{name}_[group]",
-    "float4": "vload4(group, {name}_)",
-}
+_PER_PIXEL = ("REAL", "COUNTER")
+
+
+def _included(headers: Sequence[str]) -> list[str]:
+    """Return lines that include headers, or are what stands between them."""
+    return [f'#include "{text}"' if text.endswith(".h") else text for text in headers]
+
+
+def _checked(declared: str, values: Any) -> NDArray[Any]:
+    """Return an input's values as the device takes them, their shape as declared."""
+    kind, _ = declared.split()
+    shape = {"float": (), **dict.fromkeys(_PER_PIXEL, (LANES,))}.get(kind)
+    shape = (len(structs()[kind]),) if shape is None else shape
+    array = np.ascontiguousarray(values, np.uint32 if kind == "COUNTER" else np.float32)
+    assert array.shape == (len(array), *shape), (declared, array.shape)
+    return array
+
+
+def _shared(declared: str, fetch: str, group: str) -> str:
+    """Return code that loads a float or, member by member, a struct of `kernels/station.h`."""
+    kind, name = declared.split()
+    if kind == "float":
+        return f"float {name} = {fetch.format(name=name, index=group)};"
+    members = structs()[kind]
+    loads = [f"{kind} {name};"]
+    for number, member in enumerate(members):
+        value = fetch.format(name=name, index=f"{group} * {len(members)} + {number}")
+        loads.append(f"{name}.{member} = {value};")
+    return " ".join(loads)
 
 
 def edited(source: str, edits: tuple[tuple[str, str], ...]) -> str:
@@ -158,13 +183,13 @@ class OpenGLDevice:
             for declared, values in inputs.items():
                 kind, name = declared.split()
                 words = kind == "COUNTER"
-                array = np.ascontiguousarray(values, np.uint32 if words else np.float32)
-                assert array.shape == (count, *_SHAPES[kind]), (declared, array.shape)
-                textures[f"{name}_"] = b.listed(array if kind == "float4" else array.ravel())
+                textures[f"{name}_"] = b.listed(_checked(declared, values).ravel())
                 uniforms.append(f"uniform {'usampler2D' if words else 'sampler2D'} {name}_;")
-                index = "at" if _SHAPES[kind] == (LANES,) else f"at / {LANES}"
-                part = "" if kind == "float4" else ".x"
-                load.append(f"{kind} {name} = ENTRY({name}_, {index}){part};")
+                if kind in _PER_PIXEL:
+                    load.append(f"{kind} {name} = ENTRY({name}_, at).x;")
+                else:
+                    fetch = "ENTRY({name}_, {index}).x"
+                    load.append(_shared(declared, fetch, f"at / {LANES}"))
             for number, expression in enumerate(outputs):
                 words = expression.startswith("COUNTER ")
                 kind, dtype = ("COUNTER", "u4") if words else ("REAL", "f4")
@@ -173,7 +198,7 @@ class OpenGLDevice:
                 targets.append(b.target(size, 1, dtype))
             lines = [
                 '#include "portable.h"',
-                *(f'#include "{header}"' for header in headers),
+                *_included(headers),
                 f"#define ENTRY(list, i) texelFetch(list, ivec2((i) % {LIST_WIDTH}, "
                 f"(i) / {LIST_WIDTH}), 0)",
                 *uniforms,
@@ -220,13 +245,13 @@ class VulkanDevice:
 
         for declared, values in inputs.items():
             kind, name = declared.split()
-            words = kind == "COUNTER"
-            array = np.ascontiguousarray(values, np.uint32 if words else np.float32)
+            array = _checked(declared, values)
             count = len(array)
-            assert array.shape == (count, *_SHAPES[kind]), (declared, array.shape)
-            declare(f"{name}_", kind, "readonly")
-            index = "at" if _SHAPES[kind] == (LANES,) else f"at / {LANES}"
-            load.append(f"{kind} {name} = {name}_[{index}];")
+            declare(f"{name}_", kind if kind in _PER_PIXEL else "float", "readonly")
+            if kind in _PER_PIXEL:
+                load.append(f"{kind} {name} = {name}_[at];")
+            else:
+                load.append(_shared(declared, "{name}_[{index}]", f"at / {LANES}"))
             buffers.append(b.constant(array))
         for number, expression in enumerate(outputs):
             words = expression.startswith("COUNTER ")
@@ -236,7 +261,7 @@ class VulkanDevice:
             buffers.append(b.empty(results[-1].nbytes))
         lines = [
             '#include "portable.h"',
-            *(f'#include "{header}"' for header in headers),
+            *_included(headers),
             *declarations,
             f"layout(local_size_x = {GROUP}) in;",
             "void main() {",

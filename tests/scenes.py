@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import oracle
 
+from gpuspec.light.sources import structs
 from gpuspec.station.station import Station
 
 # Pupil D, sigma, depth d (mm), exposure g, flawless median, maximum: the check values of the model,
@@ -57,6 +59,12 @@ def part_with(defects: list[dict[str, Any]], sampling: float) -> Station:
             "defects": defects,
         }
     )
+
+
+def members(struct: str, records: Any) -> dict[str, Any]:
+    """Records of a struct of `kernels/station.h`, (..., members), by its members' names."""
+    values = np.moveaxis(np.asarray(records, np.float64), -1, 0)
+    return dict(zip(structs()[struct], values, strict=True))
 
 
 def oracle_scene(station: Station) -> oracle.Scene:

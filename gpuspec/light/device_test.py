@@ -139,8 +139,8 @@ def _opengl(b: Any, light_map: Any) -> Steps:
 
 
 def _vulkan(b: Any, light_map: Any) -> Steps:
+    from gpuspec.light.constants import GROUP
     from gpuspec.light.sources import resolved_shader
-    from gpuspec.light.vulkan import GROUP
 
     ((tile, _),) = light_map.bands()
     rows, columns = light_map.station.shape

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gpuspec.arrays import Lost
 from gpuspec.part.grooves import Grooves, averaged
 from gpuspec.part.maps import relief_at
 from gpuspec.part.relief import Relief
@@ -347,11 +348,11 @@ def follow(part: Part, station: Station, x0: Array, y0: Array) -> Paths:
         & (np.abs(light[1]) <= tunnel.opening_width_mm / 2)
         & (wall[2] > 0)
         & (tunnel.opening_length_mm > 0)
-    ] = 4
-    lost[np.abs(light[0]) > tunnel.length_mm / 2] = 3
-    lost[ray[2] <= 0] = 2
+    ] = Lost.OPENING
+    lost[np.abs(light[0]) > tunnel.length_mm / 2] = Lost.END
+    lost[ray[2] <= 0] = Lost.DOWN
     beside = np.abs(point[0]) > station.part.length_mm / 2
-    lost[beside | (np.abs(point[1]) > station.part.width_mm / 2)] = 1
+    lost[beside | (np.abs(point[1]) > station.part.width_mm / 2)] = Lost.BESIDE
     field = (h / np.sqrt(x0**2 + y0**2 + h**2)) ** 4 if camera.vignetting == "cos4" else 1.0
     cosine = np.abs(_dot(incident, normal))
     seen = field * fresnel_reflectance(cosine, *MATERIALS[station.part.material])

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.arrays import LabelImage, Mask
+from gpuspec.light.constants import LEVELS
 from gpuspec.station.station import Station
-
-LEVELS = 256
 
 Counts = NDArray[np.int64]
 Pixels = NDArray[np.uint32]

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.light.levels import LEVELS, Levels, Pixels, Sample, Zones, levels_of, levels_per_dn
+from gpuspec.light.constants import LEVELS, NO_PIXEL
+from gpuspec.light.levels import Levels, Pixels, Sample, Zones, levels_of, levels_per_dn
 from gpuspec.light.light_map import has_closed_form
 from gpuspec.light.records import design_block
 from gpuspec.station.station import Station
 
-_NO_PIXEL = 0xFFFFFFFF
 _STRETCH = 16_384
 _GROUP = 256
 _DESIGNS_MAX = 4096
@@ -185,8 +185,8 @@ class OpenCLCounter:
         parts = [b.empty(max(4 * len(pixels), 4)) for _ in range(3)]
         for tile, rows in self._map.bands():
             row, column = np.divmod(pixels.astype(np.int64), columns)
-            here = (row >= rows.start) & (row < rows.stop) & (pixels != _NO_PIXEL)
-            at = np.where(here, (row - rows.start) * self._map.stride + column, _NO_PIXEL)
+            here = (row >= rows.start) & (row < rows.stop) & (pixels != NO_PIXEL)
+            at = np.where(here, (row - rows.start) * self._map.stride + column, NO_PIXEL)
             if len(pixels):
                 b.start(
                     "sweep.cl", "gather_pixels", (len(pixels),), *parts,
@@ -198,7 +198,7 @@ class OpenCLCounter:
 
 def _padded(pixels: Pixels, width: int) -> Pixels:
     """Return pixels with as many of none behind them as make whole vectors."""
-    return np.pad(pixels, (0, -len(pixels) % width), constant_values=_NO_PIXEL)
+    return np.pad(pixels, (0, -len(pixels) % width), constant_values=NO_PIXEL)
 
 
 def _whole_vectors(zones: Zones, width: int) -> tuple[NDArray[np.int64], Pixels]:

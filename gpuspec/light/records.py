@@ -1,18 +1,50 @@
-"""The station as the kernels see it: the structs of `kernels/station.h`, float4 by float4."""
+"""The station as the kernels see it: the structs of `kernels/station.h`, filled by name."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
+from gpuspec.light.constants import SECTIONS
+from gpuspec.light.sources import structs
 from gpuspec.part.grooves import Grooves, averaged
 from gpuspec.part.maps import TopographyMap
 from gpuspec.part.view import pixel_position
 from gpuspec.station.materials import MATERIALS
 from gpuspec.station.station import Station
 
-SECTIONS = {"ceiling": 0, "box": 1, "arch": 2}
+_END = 16  # points after which the spline forgets what follows: 0.27^16 = 7e-10
+
+
+def packed(struct: str, **members: ArrayLike) -> NDArray[np.float32]:
+    """Return records of a struct of `kernels/station.h`.
+
+    Parameters
+    ----------
+    struct : str
+        Its name.
+    members : array_like
+        Values of every member by its name, but of those named `unused`; of one shape.
+
+    Returns
+    -------
+    ndarray of float32, shape (..., members of the struct)
+        The bytes as the device reads them.
+
+    Raises
+    ------
+    TypeError
+        If a member is missing, or none of the struct's.
+    """
+    names = structs()[struct]
+    nothing = 0 * np.asarray(next(iter(members.values())))
+    unused = {name: nothing for name in names if name.startswith("unused")}
+    given = members | unused
+    if given.keys() != set(names):
+        raise TypeError(f"{struct}: its members are {names}, not {tuple(members)}")
+    values = np.array([given[name] for name in names], np.float32)
+    return np.ascontiguousarray(values.T)
 
 
 def geometry_block(station: Station) -> NDArray[np.float32]:
@@ -20,28 +52,37 @@ def geometry_block(station: Station) -> NDArray[np.float32]:
 
     Returns
     -------
-    ndarray of float32, shape (6, 4)
+    ndarray of float32, shape (24,)
         Lengths in mm.
     """
     part, tunnel, camera = station.part, station.tunnel, station.camera
     rows, columns = station.shape
     # A device knows the crown, by its curvatures at the top.
     curve_xx, _, curve_yy = part.shape.curvature(0.0, 0.0)
-    return np.array(
-        [
-            [camera.height_mm, camera.pupil_mm, camera.sampling_mm, camera.subsampling],
-            [columns, rows, part.surface == "height", camera.vignetting == "cos4"],
-            [part.length_mm / 2, part.width_mm / 2, -curve_xx, -curve_yy],
-            [
-                SECTIONS[tunnel.section],
-                tunnel.top_mm,
-                (tunnel.width_mm or 0) / 2,
-                tunnel.length_mm / 2,
-            ],
-            [tunnel.opening_length_mm / 2, tunnel.opening_width_mm / 2, 0, part.roughness_rad],
-            [*MATERIALS[part.material], 0, 0],
-        ],
-        np.float32,
+    refractive_index, extinction = MATERIALS[part.material]
+    return packed(
+        "Geometry",
+        camera_height=camera.height_mm,
+        pupil=camera.pupil_mm,
+        sampling=camera.sampling_mm,
+        subsampling=camera.subsampling,
+        columns=columns,
+        rows=rows,
+        rises=part.surface == "height",
+        vignetting=camera.vignetting == "cos4",
+        half_length=part.length_mm / 2,
+        half_width=part.width_mm / 2,
+        curvature_x=-curve_xx,
+        curvature_y=-curve_yy,
+        section=SECTIONS[tunnel.section],
+        tunnel_top=tunnel.top_mm,
+        tunnel_half_width=(tunnel.width_mm or 0) / 2,
+        tunnel_half_length=tunnel.length_mm / 2,
+        opening_half_length=tunnel.opening_length_mm / 2,
+        opening_half_width=tunnel.opening_width_mm / 2,
+        roughness=part.roughness_rad,
+        refractive_index=refractive_index,
+        extinction=extinction,
     )
 
 
@@ -61,33 +102,32 @@ def design_block(station: Station) -> NDArray[np.float32]:
 
     Returns
     -------
-    ndarray of float32, shape (5, 4)
+    ndarray of float32, shape (20,)
         Lengths in mm, signals in electrons and DN.
     """
     tunnel, sensor, sequence = station.tunnel, station.sensor, station.sequence
-    return np.array(
-        [
-            [tunnel.luminous_mm / tunnel.period_mm, 1 / tunnel.period_mm, tunnel.dark_leak, 0],
-            [
-                sequence.images,
-                station.step_mm / tunnel.period_mm,
-                station.distinct_shifts or 0,
-                sequence.lag,
-            ],
-            [sensor.exposure, sensor.full_scale_dn, sensor.saturation_e, sensor.read_noise_e],
-            [sensor.dark_e, sensor.dsnu_e, sensor.prnu, sensor.black_level_dn],
-            [
-                sensor.noise,
-                sensor.seed & 0xFFFF,
-                sensor.seed >> 16,
-                differential_pairs(station),
-            ],
-        ],
-        np.float32,
+    return packed(
+        "Design",
+        luminous_share=tunnel.luminous_mm / tunnel.period_mm,
+        periods_per_mm=1 / tunnel.period_mm,
+        dark_leak=tunnel.dark_leak,
+        images=sequence.images,
+        step=station.step_mm / tunnel.period_mm,
+        distinct_shifts=station.distinct_shifts or 0,
+        lag=sequence.lag,
+        pairs=differential_pairs(station),
+        exposure=sensor.exposure,
+        full_scale=sensor.full_scale_dn,
+        saturation=sensor.saturation_e,
+        read_noise=sensor.read_noise_e,
+        dark_signal=sensor.dark_e,
+        dsnu=sensor.dsnu_e,
+        prnu=sensor.prnu,
+        black_level=sensor.black_level_dn,
+        noise=sensor.noise,
+        seed_low=sensor.seed & 0xFFFF,
+        seed_high=sensor.seed >> 16,
     )
-
-
-_END = 16  # points after which the spline forgets what follows: 0.27^16 = 7e-10
 
 
 def map_records(maps: tuple[TopographyMap, ...], station: Station) -> NDArray[np.float32]:
@@ -102,21 +142,28 @@ def map_records(maps: tuple[TopographyMap, ...], station: Station) -> NDArray[np
 
     Returns
     -------
-    ndarray of float32, shape (n, 3, 4)
+    ndarray of float32, shape (n, 12)
     """
-    from gpuspec.part.view import pixel_position
-
-    records = np.zeros((len(maps), 3, 4), np.float32)
-    first = 0
-    for record, m in zip(records, maps, strict=True):
-        ny, nx = m.heights_mm.shape
-        start = pixel_position(np.array([m.corner_mm]), station)[0]
-        whole = np.floor(start)
-        record[0] = [*whole, *(start - whole)]
-        record[1] = [nx, ny, first & 0xFFFF, first >> 16]
-        record[2, :2] = 1 / np.array(m.pitch_mm)
-        first += (nx + 2) * (ny + 2)
-    return records
+    start = pixel_position(np.array([m.corner_mm for m in maps]).reshape(-1, 2), station)
+    points = np.array([m.heights_mm.shape[::-1] for m in maps], int).reshape(-1, 2)
+    pitch = np.array([m.pitch_mm for m in maps]).reshape(-1, 2)
+    entries = (points + 2).prod(axis=1)
+    first = np.cumsum(entries) - entries
+    whole = np.floor(start)
+    fraction = start - whole
+    return packed(
+        "Map",
+        column=whole[:, 0],
+        row=whole[:, 1],
+        column_fraction=fraction[:, 0],
+        row_fraction=fraction[:, 1],
+        points_x=points[:, 0],
+        points_y=points[:, 1],
+        first_low=first & 0xFFFF,
+        first_high=first >> 16,
+        points_per_mm_x=1 / pitch[:, 0],
+        points_per_mm_y=1 / pitch[:, 1],
+    )
 
 
 def coefficients(maps: tuple[TopographyMap, ...]) -> NDArray[np.float32]:
@@ -150,17 +197,26 @@ def groove_records(grooves: Grooves, station: Station) -> NDArray[np.float32]:
 
     Returns
     -------
-    ndarray of float32, shape (S, 3, 4)
+    ndarray of float32, shape (S, 12)
     """
     grooves = averaged(grooves, station)
-    records = np.zeros((len(grooves), 3, 4), np.float32)
     start = pixel_position(grooves.ends[:, :2], station)
     whole = np.floor(start)
+    fraction = start - whole
     course = grooves.ends[:, 2:] - grooves.ends[:, :2]
     length = np.hypot(course[:, 0], course[:, 1])
     inverse = np.divide(1, length, out=np.zeros_like(length), where=length > 0)
-    records[:, 0, :2], records[:, 0, 2:] = whole, start - whole
-    records[:, 1, :2], records[:, 1, 2], records[:, 1, 3] = course, inverse**2, inverse
-    records[:, 2, 0], records[:, 2, 1] = grooves.depth, 1 / grooves.sigma**2
-    records[:, 2, 2] = grooves.owner
-    return records
+    return packed(
+        "Groove",
+        column=whole[:, 0],
+        row=whole[:, 1],
+        column_fraction=fraction[:, 0],
+        row_fraction=fraction[:, 1],
+        along_x=course[:, 0],
+        along_y=course[:, 1],
+        inverse_square=inverse**2,
+        inverse_length=inverse,
+        height=grooves.depth,
+        inverse_variance=1 / grooves.sigma**2,
+        defect=grooves.owner,
+    )

@@ -7,11 +7,15 @@ import re
 from functools import cache
 from pathlib import Path
 
+from gpuspec.light.constants import DEFINES, defines
+
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 _LINE = re.compile(r"^#line (\d+) (\d+)$", re.MULTILINE)
 _PLACE = re.compile(r"^((?:ERROR: |WARNING: )?)\d+[:(](\d+)(?:\(\d+\)|\))?\s*:", re.MULTILINE)
 # The line after a pattern: text that is not finished is met here, not in the program's own lines.
 _CLOSED = "void end_of_pattern_() { }"
+_STRUCT = re.compile(r"RECORD\((\w+)\) \{(.*?)\};", re.DOTALL)
+_MEMBER = re.compile(r"^ *float (\w+);", re.MULTILINE)
 _FILE = 100_000  # lines of a file, at most
 
 
@@ -23,12 +27,19 @@ def folder(name: str) -> Path:
 
 @cache
 def digest() -> str:
-    """Return a digest of every kernel and shader."""
-    found = hashlib.sha256()
+    """Return a digest of every kernel and shader, and of the constants defined in them."""
+    found = hashlib.sha256(repr(DEFINES).encode())
     for name in ("kernels", "shaders"):
         for path in sorted(folder(name).rglob("*.*")):
             found.update(path.name.encode() + path.read_bytes())
     return found.hexdigest()
+
+
+@cache
+def structs() -> dict[str, tuple[str, ...]]:
+    """Return the structs of `kernels/station.h` and the names of their members, in order."""
+    text = (folder("kernels") / "station.h").read_text(encoding="utf-8")
+    return {name: tuple(_MEMBER.findall(body)) for name, body in _STRUCT.findall(text)}
 
 
 @cache
@@ -43,20 +54,23 @@ def kernel_source(name: str) -> str:
 def resolved(text: str, name: str) -> str:
     """Return OpenCL C text with every include of `kernels/` in place.
 
+    The constants that it names are defined.
+
     Parameters
     ----------
     text : str
     name : str
         Of its file, for messages.
     """
-    return "\n".join(_resolved(text, name, {}, '#line {line} "{name}"'))
+    body = _resolved(text, name, {}, '#line {line} "{name}"')
+    return "\n".join([*defines("\n".join(body)), *body])
 
 
 @cache
 def shader_source(
     name: str,
     version: int,
-    defines: tuple[str, ...] = (),
+    words: tuple[str, ...] = (),
     lines: bool = True,
     pattern: tuple[str, str] | None = None,
 ) -> tuple[str, tuple[str, ...]]:
@@ -68,7 +82,7 @@ def shader_source(
         In `shaders/`.
     version : int
         Of GLSL.
-    defines : tuple of str
+    words : tuple of str
         Words to define, e.g. ``"NOISE"`` or ``"SUB_RAYS 4"``.
     lines : bool
         Whether ``#line`` directives keep file and line.
@@ -82,18 +96,20 @@ def shader_source(
         Its files by their number.
     """
     text = (folder("shaders") / name).read_text(encoding="utf-8")
-    return resolved_shader(text, f"shaders/{name}", version, defines, lines, pattern)
+    return resolved_shader(text, f"shaders/{name}", version, words, lines, pattern)
 
 
 def resolved_shader(
     text: str,
     name: str,
     version: int,
-    defines: tuple[str, ...] = (),
+    words: tuple[str, ...] = (),
     lines: bool = True,
     pattern: tuple[str, str] | None = None,
 ) -> tuple[str, tuple[str, ...]]:
     """Return GLSL text with every include of `shaders/` and `kernels/` in place, once each.
+
+    The constants that it names are defined.
 
     Parameters
     ----------
@@ -103,8 +119,8 @@ def resolved_shader(
         For messages.
     version : int
         Of the language, e.g. 330.
-    defines : tuple of str
-        Words to define, e.g. ``"NOISE"`` or ``"SUB_RAYS 4"``.
+    words : tuple of str
+        Words to define, e.g. ``"NOISE"`` or ``"NEWTON_STEPS 0"``.
     lines : bool
         Whether ``#line`` directives keep file and line. GLSL numbers its files.
     pattern : tuple of str, optional
@@ -118,7 +134,9 @@ def resolved_shader(
     """
     names: dict[str, int] = {}
     body = _resolved(text, name, names, "#line {line} {number}" if lines else "", pattern)
-    head = [f"#version {version}", *(f"#define {word}" for word in ("GPUSPEC_GLSL", *defines))]
+    own = "\n".join(_resolved(text, name, {}, ""))  # what a pattern names is its own
+    given = [f"#define {word}" for word in ("GPUSPEC_GLSL", *words)]
+    head = [f"#version {version}", *given, *defines(own, words)]
     return "\n".join([*head, *body, ""]), tuple(names)
 
 

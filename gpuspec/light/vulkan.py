@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from gpuspec.arrays import Image
 from gpuspec.errors import BackendError, DeviceError
 from gpuspec.light.backend import Backend, DeviceInfo, chosen, failure
+from gpuspec.light.constants import GROUP
 from gpuspec.light.light_map import FUSIONS
 from gpuspec.light.patterns import Pattern
 from gpuspec.light.records import (
@@ -40,7 +41,6 @@ INSTALL_DRIVER = (
     "install your GPU's Vulkan driver, or on Debian and Ubuntu the software driver: "
     "apt install mesa-vulkan-drivers libvulkan1"
 )
-GROUP = 128  # invocations of a workgroup, as in the shaders
 _TILE_BYTES_MAX = 1 << 30
 _GROUPS_MAX = 65535  # workgroups along an axis, in every implementation
 _KINDS = ("DiscreteGPU", "IntegratedGPU", "CPU")

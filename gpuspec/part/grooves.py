@@ -13,7 +13,7 @@ from gpuspec.station.defects import Defect, Patch, Scratch
 from gpuspec.station.station import Station
 from gpuspec.units import MICRO
 
-BLOCK = 16  # pixels on a side, as in kernels/trace.cl
+BLOCK = 16  # pixels on a side
 REACH = 6.0  # sigmas at which a groove ends: 1.5e-8 of its depth, below a float's last bit
 _PAIRS_MAX = 200_000_000
 

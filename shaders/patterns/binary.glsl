@@ -6,7 +6,7 @@
    shift      how far the tunnel has moved, mm
    footprint  width of the box on the light over which the sub-ray averages, mm */
 float pattern(float light, float across, float shift, float footprint) {
-    float period = 1.0 / d.stripes.y;
-    Trapezoid lit = lit_fraction(light / period, footprint / period, d.stripes.x);
+    float period = 1.0 / d.periods_per_mm;
+    Trapezoid lit = lit_fraction(light / period, footprint / period, d.luminous_share);
     return at_shift(lit, shift / period);
 }

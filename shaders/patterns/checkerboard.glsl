@@ -5,7 +5,7 @@ float share(float place, float footprint, float period) {
 }
 
 float pattern(float light, float across, float shift, float footprint) {
-    float period = 1.0 / d.stripes.y;
+    float period = 1.0 / d.periods_per_mm;
     float a = share(light - shift, footprint, period);
     float b = share(across, footprint, period);
     return a * b + (1.0 - a) * (1.0 - b);

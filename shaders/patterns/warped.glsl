@@ -5,9 +5,9 @@
    (1 - tan a tan b), for this runs for every ray and shift. Inverted by Newton's method, each stripe
    covers the same length of the part; `period` is then on the part. */
 float pattern(float light, float across, float shift, float footprint) {
-    float c = g.part.z;
-    float h = g.camera.x;
-    float H = g.tunnel.y;
+    float c = g.curvature_x;
+    float h = g.camera_height;
+    float H = g.tunnel_top;
     float x = light / (1.0 + H / h + 2.0 * c * H);
     float slope = 1.0;
     for (int i = 0; i < 3; i++) {
@@ -19,7 +19,7 @@ float pattern(float light, float across, float shift, float footprint) {
         slope = 1.0 + H * (1.0 + tangent * tangent) * (1.0 / (h * (1.0 + view * view)) + 2.0 * c / cosine);
         x -= (x + H * tangent - light) / slope;
     }
-    float period = 1.0 / (d.stripes.y * (1.0 + H / h));
-    Trapezoid lit = lit_fraction(x / period, footprint / slope / period, d.stripes.x);
-    return at_shift(lit, shift * d.stripes.y);
+    float period = 1.0 / (d.periods_per_mm * (1.0 + H / h));
+    Trapezoid lit = lit_fraction(x / period, footprint / slope / period, d.luminous_share);
+    return at_shift(lit, shift * d.periods_per_mm);
 }

@@ -11,7 +11,8 @@ from scenes import part_with
 from gpuspec.detection.score import score
 from gpuspec.detection.segmentation import segment
 from gpuspec.light.backend import Backend
-from gpuspec.light.levels import LEVELS, Levels, Zones, levels_of, levels_per_dn, thresholds
+from gpuspec.light.constants import LEVELS
+from gpuspec.light.levels import Levels, Zones, levels_of, levels_per_dn, thresholds
 from gpuspec.light.opencl import OpenCLBackend
 from gpuspec.light.records import design_block
 from gpuspec.simulation.simulate import Traced, trace

@@ -98,8 +98,9 @@ def test_several_periods_in_equal_steps_have_the_closed_form_too(backend):
     assert np.abs(light_map.closed_form() - light_map.mean()).max() < DEVICE_DN
 
 
-def test_the_mean_is_that_of_the_single_images(backend):
-    station = check_station(sequence__images=7, camera__subsampling=2)
+@pytest.mark.parametrize("noise", [False, True])
+def test_the_mean_is_that_of_the_single_images(backend, noise):
+    station = check_station(sequence__images=7, camera__subsampling=2, sensor__noise=noise)
     light_map = backend.trace(station)
     images = np.stack([light_map.image(k) for k in range(7)]).astype(np.float64)
     fused = light_map.fuse()

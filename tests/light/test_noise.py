@@ -27,7 +27,7 @@ from gpuspec.station.station import Station
 Words = NDArray[np.uint32]
 Array = NDArray[np.float64]
 
-HEADERS = ("sensor.h",)
+HEADERS = ("station.h", "sensor.h")
 MANY = 2**20
 AXES = ("column", "row", "image", "seed")
 

@@ -152,3 +152,19 @@ def test_every_device_function_says_its_law(name):
         if function and line not in said and f"STRUCT({function[1]}) {{" not in said:
             silent.append(function[2])
     assert set(silent) <= PLAIN
+
+
+def test_instructions_of_one_processor_stand_where_the_compiler_has_them():
+    # Clang knows a built-in of AVX on every x86, and fails only where it is used without.
+    opened: list[str] = []
+    used = 0
+    for line in code("portable.h").splitlines():
+        words_ = line.split()
+        if line.startswith("#if"):
+            opened.append(line)
+        elif words_[:1] == ["#endif"]:
+            opened.pop()
+        elif "__builtin_ia32_" in line:
+            used += 1
+            assert any("defined(__AVX__)" in condition for condition in opened)
+    assert used

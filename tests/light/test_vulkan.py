@@ -127,6 +127,7 @@ def test_opening_is_silent_and_leaves_the_environment_alone():
 
 
 SHADER = """#include "portable.h"
+#include "station.h"
 #include "surface.h"
 layout(local_size_x = 1) in;
 layout(std430, set = 0, binding = 0) buffer Out { float values[]; };
@@ -146,7 +147,7 @@ void main() {
 )
 def test_a_shader_that_does_not_compile_names_file_and_line(backend, wrong, reason):
     text, names = resolved_shader(SHADER.replace("WRONG", wrong), "shaders/mine.comp", 450)
-    with pytest.raises(BackendError, match=rf"shaders/mine\.comp:6: .*{reason}") as raised:
+    with pytest.raises(BackendError, match=rf"shaders/mine\.comp:7: .*{reason}") as raised:
         backend.program(text, names, ("storage",))
     assert "does not build with vulkan on" in str(raised.value)
 

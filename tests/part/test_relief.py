@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import part_with
+from scenes import members, part_with
 from tolerances import DEVICE_DN, FOOTPRINT_SHARE, LIGHT_MM, RECORD_PX, VOLUME
 
 from gpuspec.errors import StationError
@@ -210,23 +210,26 @@ def test_records_give_positions_back_far_from_the_origin():
         }
     )  # fmt: skip
     grooves = Relief.of(station).grooves
-    records = groove_records(grooves, station).astype(np.float64)
+    record = members("Groove", groove_records(grooves, station))
     rows, columns = station.shape
     want = [columns / 2, rows / 2] + grooves.ends[:, :2] * [1, -1] / 0.043
-    got = records[:, 0, :2] + records[:, 0, 2:]
-    assert np.abs(got - want).max() < RECORD_PX
+    got = [record[f"{axis}"] + record[f"{axis}_fraction"] for axis in ("column", "row")]
+    assert np.abs(np.transpose(got) - want).max() < RECORD_PX
     assert np.abs(want).max() > 46_000
-    np.testing.assert_allclose(records[:, 1, :2], 9 * [[0.37, -0.11]], rtol=1e-6)
+    np.testing.assert_allclose(record["along_x"], 9 * [0.37], rtol=1e-6)
+    np.testing.assert_allclose(record["along_y"], 9 * [-0.11], rtol=1e-6)
     length = np.hypot(0.37, 0.11)
-    np.testing.assert_allclose(records[:, 1, 2:], 9 * [[length**-2, 1 / length]], rtol=1e-6)
-    np.testing.assert_array_equal(records[:, 2, 2], np.arange(9))
+    np.testing.assert_allclose(record["inverse_square"], 9 * [length**-2], rtol=1e-6)
+    np.testing.assert_allclose(record["inverse_length"], 9 * [1 / length], rtol=1e-6)
+    np.testing.assert_array_equal(record["defect"], np.arange(9))
 
 
 def test_a_dents_record_has_no_course():
     station = scene(defects=DEFECTS[:1])
-    record = groove_records(Relief.of(station).grooves, station)[0]
-    assert not record[1].any()
-    assert record[2, 0] < 0
+    record = members("Groove", groove_records(Relief.of(station).grooves, station))
+    for none in ("along_x", "along_y", "inverse_square", "inverse_length"):
+        assert not record[none].any()
+    assert (record["height"] < 0).all()
 
 
 def test_grooves_are_numbered_by_their_defect():

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import tifffile
 from PIL import Image
+from scenes import members
 from scipy import ndimage
 
 from gpuspec.errors import StationError, TopographyError
@@ -219,13 +220,14 @@ def test_a_sampled_pit_gives_the_light_map_of_the_same_dent(
 
 
 def device_slopes(maps, station, x, y):
-    """The device's spline in float32, as kernels/trace.cl evaluates it."""
-    (start, size, inverse), c = map_records(maps, station)[0], coefficients(maps)
+    """The device's spline in float32, as kernels/relief.h evaluates it."""
+    m, c = members("Map", map_records(maps, station)[0]), coefficients(maps)
+    size, inverse = ((m[f"{word}_x"], m[f"{word}_y"]) for word in ("points", "points_per_mm"))
     columns, rows = station.shape[1], station.shape[0]
     p = np.float32(station.camera.sampling_mm)
     column, row = columns / 2 + x / p, rows / 2 - y / p
-    u = (((column - start[0]) - start[2]) * p * inverse[0]).astype(np.float32)
-    v = (-((row - start[1]) - start[3]) * p * inverse[1]).astype(np.float32)
+    u = (((column - m["column"]) - m["column_fraction"]) * p * inverse[0]).astype(np.float32)
+    v = (-((row - m["row"]) - m["row_fraction"]) * p * inverse[1]).astype(np.float32)
     i = np.clip(np.floor(u), 0, size[0] - 2).astype(int)
     j = np.clip(np.floor(v), 0, size[1] - 2).astype(int)
     c = c.reshape(int(size[1]) + 2, int(size[0]) + 2)
@@ -460,13 +462,15 @@ def test_records_and_coefficients_of_several_maps_follow_one_another(folder):
     maps = read_maps(station)
     records = map_records(maps, station)
     assert records.dtype == np.float32
-    assert records.shape == (9, 3, 4)
-    first = records[:, 1, 2] + 65536 * records[:, 1, 3]
+    assert records.shape == (9, 12)
+    record = members("Map", records)
+    first = record["first_low"] + 65536 * record["first_high"]
     np.testing.assert_array_equal(first, np.arange(9) * 102 * 122)
     assert coefficients(maps).shape == (9 * 102 * 122,)
     # Corner in pixels of 4 um: half an image and half a pitch from the middle.
-    np.testing.assert_allclose(records[0, 0, :2] + records[0, 0, 2:], (0.5, 99.5), atol=1e-4)
-    assert map_records((), station).shape == (0, 3, 4)
+    corner = [record[axis][0] + record[f"{axis}_fraction"][0] for axis in ("column", "row")]
+    np.testing.assert_allclose(corner, (0.5, 99.5), atol=1e-4)
+    assert map_records((), station).shape == (0, 12)
     assert coefficients(()).shape == (0,)
 
 

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.compute
 from numpy.typing import NDArray
 
-from gpuspec.light.levels import LEVELS
+from gpuspec.light.constants import LEVELS
 
 COLUMNS = ("design", "exact", "p1", "p2", "hits", "p1_low", "p1_high")
 """Of a sweep's table, what a score is made of."""

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.compute
 from numpy.typing import NDArray
 
-from gpuspec.light.levels import LEVELS
+from gpuspec.light.constants import LEVELS
 from gpuspec.sweeps.choosing.front import Points, curves, p1_bounds
 from gpuspec.sweeps.keeping.folder import RunFolder
 from gpuspec.sweeps.rule import Rule

@@ -9,7 +9,7 @@ import pyarrow as pa
 
 from gpuspec.errors import StationError
 from gpuspec.light.backend import Backend
-from gpuspec.light.levels import LEVELS
+from gpuspec.light.constants import LEVELS
 from gpuspec.simulation.cautions import of_design
 from gpuspec.station.station import Station
 from gpuspec.sweeps.plan import Plan

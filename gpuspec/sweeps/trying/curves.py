@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.detection.score import precision, recall
-from gpuspec.light.levels import LEVELS, Levels
+from gpuspec.light.constants import LEVELS
+from gpuspec.light.levels import Levels
 from gpuspec.sweeps.trying.parts import TracedPart
 from gpuspec.sweeps.trying.screening import Bounds
 

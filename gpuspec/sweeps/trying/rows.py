@@ -11,7 +11,8 @@ import pyarrow as pa
 from gpuspec import words
 from gpuspec.detection.score import precision, recall
 from gpuspec.light.backend import DeviceInfo
-from gpuspec.light.levels import LEVELS, thresholds
+from gpuspec.light.constants import LEVELS
+from gpuspec.light.levels import thresholds
 from gpuspec.station.station import Station
 from gpuspec.sweeps.plan import SEED_STEP, Plan
 from gpuspec.sweeps.rule import Rule, f1_of
