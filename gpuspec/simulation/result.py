@@ -14,11 +14,11 @@ from gpuspec.detection.inspection import Inspection
 from gpuspec.detection.measures import Blobs
 from gpuspec.detection.score import Score
 from gpuspec.light.backend import DeviceInfo
-from gpuspec.light.light_map import LightMap
 from gpuspec.part.relief import Relief
 from gpuspec.part.truth import KnownDefect
 from gpuspec.shown import array, object_of
 from gpuspec.simulation.cautions import assumptions
+from gpuspec.simulation.light_map import ScoredLightMap
 from gpuspec.station.station import Station
 
 
@@ -41,7 +41,7 @@ class Result:
     inspection : Inspection
     score : Score
     confusion : Confusion
-    light_map : LightMap
+    light_map : ScoredLightMap
         For single images: ``result.light_map.image(k)``.
     relief : Relief
     warnings : tuple of str
@@ -57,7 +57,7 @@ class Result:
     inspection: Inspection
     score: Score
     confusion: Confusion
-    light_map: LightMap = field(repr=False, compare=False)
+    light_map: ScoredLightMap = field(repr=False, compare=False)
     relief: Relief = field(repr=False, compare=False)
     warnings: tuple[str, ...] = ()
 
