@@ -22,7 +22,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from gpuspec.errors import GpuspecError
     from gpuspec.light.devices import open_backend, survey
+    from gpuspec.light.devices import survey as devices
     from gpuspec.light.patterns import Pattern
+    from gpuspec.loading import load
     from gpuspec.report.folder import write
     from gpuspec.simulation.result import Result
     from gpuspec.simulation.simulate import simulate
@@ -51,8 +53,10 @@ __all__ = [
     "RunFolder",
     "Station",
     "choose",
+    "devices",
     "example",
     "front",
+    "load",
     "open_backend",
     "optimise",
     "search_plan",
@@ -77,7 +81,9 @@ _HOME = {
     "Station": "station.station",
     "example": "station.examples",
     "choose": "sweeps.choosing.choose",
+    "devices": "light.devices:survey",
     "front": "sweeps.choosing.choose:choose",
+    "load": "loading",
     "open_backend": "light.devices",
     "optimise": "sweeps.searching.optimise",
     "search_plan": "sweeps.searching.optimise:plan_of",
@@ -89,7 +95,7 @@ _HOME = {
     "write": "report.folder",
     "__version__": "version",
 }
-_PACKAGES = {"devices": "light.devices", "studies": "studies", "sweeps": "sweeps"}
+_PACKAGES = ("studies", "sweeps")
 
 
 def __getattr__(name: str) -> Any:
@@ -97,7 +103,7 @@ def __getattr__(name: str) -> Any:
     from importlib import import_module
 
     if name in _PACKAGES:
-        return import_module(f"gpuspec.{_PACKAGES[name]}")
+        return import_module(f"gpuspec.{name}")
     if name not in _HOME:
         raise AttributeError(f"module 'gpuspec' has no attribute {name!r}")
     file, _, there = _HOME[name].partition(":")

@@ -414,6 +414,22 @@ def digest(path: Path) -> str:
         return found.hexdigest()
 
 
+def changed(folder: Path, kind: str, names: Iterable[str]) -> list[str]:
+    """Return which files of a folder no longer hold what gpuspec wrote into them.
+
+    Parameters
+    ----------
+    folder : Path
+    kind : str
+        Of the files, see :class:`Outputs`; of those that are not known nothing is said.
+    names : iterable of str
+        Relative to the folder.
+    """
+    known = _manifest(folder).get(kind, _NOTHING)["files"]
+    there = (name for name in names if name in known and (folder / name).is_file())
+    return [name for name in there if digest(folder / name) not in known[name]]
+
+
 _NOTHING: dict[str, dict[str, Any]] = {"of": {}, "files": {}}
 
 

@@ -37,7 +37,7 @@ def result() -> Result:
 def run(tmp_path_factory) -> gpuspec.RunFolder:
     station = Station.from_dict(SMALL, "small.toml")
     plan = gpuspec.Plan.of(station, {"tunnel.luminous_mm": "2:4:3"})
-    return gpuspec.sweep(plan, tmp_path_factory.mktemp("run") / "sweep", "numpy")
+    return gpuspec.sweep(plan, tmp_path_factory.mktemp("run") / "sweep", backend="numpy")
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def test_every_public_name_is_there_and_listed():
         assert getattr(gpuspec, name) is not None
         assert name in dir(gpuspec)
     assert set(gpuspec.__all__) == set(gpuspec._HOME) - {"__version__"}
-    assert {"devices", "studies", "sweeps"} <= set(dir(gpuspec))
+    assert {"studies", "sweeps"} <= set(dir(gpuspec))
     assert gpuspec.front is gpuspec.choose
     with pytest.raises(AttributeError, match="no attribute 'simulat'"):
         gpuspec.simulat  # noqa: B018
@@ -111,7 +111,7 @@ def readable(thing: object, *words: str) -> str:
 
 
 def test_a_result_and_its_parts_say_what_they_are(result):
-    readable(result, "small.toml, numpy on cpu", "P1", "3 of 3 defects hit",
+    readable(result, "small.toml: 200 x 100 pixels, numpy on cpu", "P1", "3 of 3 defects hit",
              "aspect: (100, 200) float32, grey levels in DN")  # fmt: skip
     readable(result.station, "small.toml", "20 x 10 mm", "3 defects", "200 x 100 pixels")
     readable(result.score, "P1", "P2", "3 of 3 defects hit")

@@ -225,6 +225,10 @@ def _differing(traced: Station, station: Station) -> str:
     for name in ("defects", "populations"):
         if getattr(traced, name) != getattr(station, name):
             return f"its {name} are others than those traced"
+    for name in station.files:  # of one name, but in another folder
+        was, now = (one.locate(name).resolve() for one in (traced, station))
+        if was != now:
+            return f"{name} is {now} and was {was} when it was traced"
     return ""
 
 

@@ -16,6 +16,7 @@ from typing import Any
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from gpuspec.errors import StationError, TopographyError
+from gpuspec.files import write_new
 from gpuspec.station.defects import (
     Defect,
     Patch,
@@ -260,6 +261,47 @@ class Station(Section):
         changed = type(self).from_dict(data, self._file, self._folder)
         changed._source = self._source
         return changed
+
+    def write(self, path: str | Path, *, force: bool = False, sized: bool = True) -> Path:
+        """Write the station to a new file: every key, with what it means.
+
+        Files named in it are found from there, too: beside the station's own file by their names,
+        from anywhere else by their absolute paths.
+
+        Parameters
+        ----------
+        path : str or Path
+        force : bool
+            Whether an existing file is replaced; what the station was made from never is.
+        sized : bool
+            Whether a size that the part has from the map of its relief is written; else the file
+            leaves it to the map.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        OutputError
+            If it exists, or cannot be written.
+
+        Examples
+        --------
+        >>> import gpuspec as gs, tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = gs.example("trim").write(f"{folder}/mine.toml")
+        ...     gs.Station.read(path).tunnel.dark_mm
+        6.0
+        """
+        from gpuspec.station.toml import to_toml
+
+        path = Path(path)
+        absolute = path.absolute().parent.resolve() != self._folder.resolve()
+        text = to_toml(self, absolute=absolute, sized=sized)
+        write_new(path, text, force=force, inputs=self.inputs)
+        return path
 
     def _inside(self, target: Any, place: str | int, path: str) -> Any:
         """Return what stands at a place of nested tables and lists; a missing table is made."""

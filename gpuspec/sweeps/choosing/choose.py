@@ -187,6 +187,7 @@ def choose(
     run: RunFolder | str | Path,
     rule: Rule | None = None,
     also: Callable[[pa.Table], None] | None = None,
+    **asked: Any,
 ) -> Choice:
     """Choose from the designs that a sweep's folder holds; one file is held at a time.
 
@@ -200,16 +201,19 @@ def choose(
     rule : Rule, optional
     also : callable, optional
         Told the `COLUMNS` of every file, in their order.
+    **asked
+        What else the rule asks for: ``goal``, ``p2_floor``, ``p1_floor``, ``hit_share``, see
+        :class:`Rule`; e.g. ``choose(run, goal="f1")``.
 
     Raises
     ------
     OutputError
         If the folder holds no designs yet, or a damaged file.
     StationError
-        If none of the designs is a valid station.
+        If none of the designs is a valid station, or no rule asks for such a thing.
     """
     run = run if isinstance(run, RunFolder) else RunFolder.read(run)
-    rule = rule or Rule()
+    rule = (rule or Rule()).asking(**asked)
     defects = most_defects(run)
     front = Front()
     for table in run.batches([*COLUMNS]):
