@@ -335,8 +335,10 @@ def folder_of(given: str | Path) -> Path:
     Raises
     ------
     OutputError
-        If the name is empty or blank, which Python takes for the current folder.
+        If it is no path, or the name is empty or blank, which Python takes for the current folder.
     """
+    if not isinstance(given, (str, Path)):
+        raise OutputError(f"a folder for results is named by its path, not {given!r}.")
     if not str(given).strip():
         raise OutputError("the folder for results has no name; write -o . for the current folder.")
     return Path(given)

@@ -22,7 +22,7 @@ FASTER = 1.1
 
 
 def open_backend(
-    name: str = "auto", device: str | None = None, among: Sequence[str] = BACKENDS
+    name: str | Backend = "auto", device: str | int | None = None, among: Sequence[str] = BACKENDS
 ) -> Backend:
     """Open a device that computes; a backend or device asked for by name is never swapped.
 
@@ -32,9 +32,10 @@ def open_backend(
 
     Parameters
     ----------
-    name : str
-        One of ``BACKENDS``, or "auto": the first of them with a device that computes.
-    device : str, optional
+    name : str or Backend
+        One of ``BACKENDS``, or "auto": the first of them with a device that computes. An open
+        backend is returned as it is.
+    device : str or int, optional
         Part of the device's name, or its number in `gpuspec devices`.
     among : sequence of str
         What "auto" tries, in order.
@@ -48,6 +49,13 @@ def open_backend(
     BackendError
         If it is absent, with the reason and what to install, or does not compute.
     """
+    if isinstance(name, Backend):
+        return name
+    if not isinstance(name, str):
+        raise BackendError(
+            f"a backend is an open Backend or one of auto, {', '.join(BACKENDS)}, not {name!r}."
+        )
+    device = None if device is None else str(device)
     left: list[str] = []
     absent: list[str] = []
     for candidate in among if name == "auto" else (name,):

@@ -125,7 +125,7 @@ def trace(
         tell(f"working out the zones of {len(relief.defects):,} defects")
     truth = Truth.of(station, relief)
     tell("opening the device")
-    engine = open_backend(backend, device) if isinstance(backend, str) else backend
+    engine = open_backend(backend, device)
     tell(f"tracing on {engine.info.device}")
     light_map = engine.trace(station, relief)
     lost = light_map.lost()

@@ -9,14 +9,16 @@ from __future__ import annotations
 import math
 import re
 import tomllib
+from collections import Counter
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
-from gpuspec.errors import StationError, TopographyError
+from gpuspec.errors import OutputError, StationError, TopographyError
 from gpuspec.files import write_new
+from gpuspec.shown import cell, html_page, html_table
 from gpuspec.station.defects import (
     Defect,
     Patch,
@@ -200,6 +202,12 @@ class Station(Section):
         StationError
             As :meth:`read`.
         """
+        if not isinstance(data, dict):
+            raise StationError(
+                f"{file}: a station is made of a dictionary of its sections, not "
+                f"{type(data).__name__}."
+            )
+        data = plain(data)
         sides = _sides_of_map(data, Path(folder))
         try:
             station = cls.model_validate(_sized(data, Path(folder)))
@@ -297,6 +305,8 @@ class Station(Section):
         """
         from gpuspec.station.toml import to_toml
 
+        if not isinstance(path, (str, Path)):
+            raise OutputError(f"a station is written to the path of a file, not {path!r}.")
         path = Path(path)
         absolute = path.absolute().parent.resolve() != self._folder.resolve()
         text = to_toml(self, absolute=absolute, sized=sized)
@@ -322,6 +332,15 @@ class Station(Section):
             )
         return found
 
+    def __eq__(self, other: object) -> bool:
+        """Whether all sections and the files they name are the same, wherever they were read."""
+        if not isinstance(other, Station):
+            return NotImplemented
+        same = all(getattr(self, name) == getattr(other, name) for name in type(self).model_fields)
+        return same and all(
+            self.locate(name).resolve() == other.locate(name).resolve() for name in self.files
+        )
+
     def __repr__(self) -> str:
         part, tunnel = self.part, self.tunnel
         rows, columns = self.shape
@@ -336,6 +355,19 @@ class Station(Section):
         )
 
     __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        """Show itself in a notebook: a line for each section."""
+        rows = []
+        for name, held in self.as_dict().items():
+            if isinstance(held, dict):
+                told = [f"{key} = {cell(value)}" for key, value in held.items()]
+            else:
+                kinds = Counter(entry.get("kind", entry.get("name")) for entry in held)
+                told = [f"{count} {kind}" for kind, count in kinds.items()]
+            if told:
+                rows.append({"section": name, "holds": ", ".join(told)})
+        return html_page(self) + html_table(rows, len(rows))
 
     def as_dict(self) -> dict[str, Any]:
         """Return nested plain values, keys with value none left out, as TOML holds them."""

@@ -32,9 +32,10 @@ def study(name: str, station: Station | str | Path | None = None, **options: Any
     Raises
     ------
     StationError
-        If there is no study of that name, or it needs a station.
+        If there is no study of that name, it needs a station, or takes no such option.
     """
     from importlib import import_module
+    from inspect import signature
 
     from gpuspec.errors import StationError
 
@@ -44,6 +45,12 @@ def study(name: str, station: Station | str | Path | None = None, **options: Any
         raise StationError(f"the study of {name} needs a station.")
     from gpuspec.station.station import Station
 
-    station = None if station is None else Station.of(station)
-    found: Outcome = import_module(f"gpuspec.studies.{name}").study(station, **options)
+    run = import_module(f"gpuspec.studies.{name}").study
+    known = list(signature(run).parameters)[1:]
+    for option in options:
+        if option not in known:
+            raise StationError(
+                f"the study of {name} takes no {option}; it takes {', '.join(known)}."
+            )
+    found: Outcome = run(None if station is None else Station.of(station), **options)
     return found

@@ -209,7 +209,7 @@ def study(
         If the backend is absent or fails.
     """
     _check(offset_mm, rotation_rad, height_mm, reflectivity, steps)
-    engine = open_backend(backend, device) if isinstance(backend, str) else backend
+    engine = open_backend(backend, device)
     tell = progress or (lambda _: None)
     design, nominal, traced, notes = _nominal(station, engine, tell)
     middle = steps // 2

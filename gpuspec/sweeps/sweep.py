@@ -123,7 +123,7 @@ def sweep(
     check_space(folder, plan)
     plan.check_some_valid()
     if crew is None:
-        engine = open_backend(backend, device) if isinstance(backend, str) else backend
+        engine = open_backend(backend, device)
         crew = Alone(Bench(plan, engine))
     with RunFolder.writing(folder, plan) as run:
         run.repair()

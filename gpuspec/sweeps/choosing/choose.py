@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gpuspec.errors import OutputError, StationError
 from gpuspec.light.levels import thresholds
-from gpuspec.shown import object_of
+from gpuspec.shown import html_page, object_of
 from gpuspec.simulation.cautions import BY_CHANCE, out_of_view, without_effect
 from gpuspec.station.station import Station
 from gpuspec.sweeps.choosing.chosen import Chosen
@@ -65,6 +65,10 @@ class Choice:
         from gpuspec.sweeps.choosing.front_picture import front_picture
 
         return png(front_picture(self))
+
+    def _repr_html_(self) -> str:
+        """Show itself in a notebook: the chosen design, and the front."""
+        return html_page(self, self._repr_png_())
 
     @property
     def plan(self) -> Plan:
