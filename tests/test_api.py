@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import io
+import re
 import subprocess
 import sys
+from base64 import b64decode
+from html import escape
 
 import numpy as np
 import pytest
@@ -157,6 +160,30 @@ def test_a_notebook_shows_pictures_and_tables(result, run, optimum):
     assert blobs.count("<tr>") == 4
     assert "<th>area_mm2</th>" in blobs
     assert "<td>dent</td>" in result.confusion._repr_html_()
+
+
+def test_a_notebook_shows_words_with_pictures(result, run, optimum, tmp_path):
+    outcome = gpuspec.study("coverage", result.station, backend="numpy")
+    choice = gpuspec.front(run)
+    for thing, pictures in ((result, 2), (choice, 1), (optimum, 1), (outcome, 1), (run, 0),
+                            (result.station, 0)):  # fmt: skip
+        shown = thing._repr_html_()
+        assert escape(repr(thing)) in shown
+        found = re.findall(r'src="data:image/png;base64,([^"]+)"', shown)
+        assert len(found) == pictures
+        for one in found:
+            with Image.open(io.BytesIO(b64decode(one))) as picture:
+                assert min(picture.size) >= 100
+    assert run._repr_html_().count("<tr>") == 1 + len(run.plan.axes)
+    sections = re.findall(r"<tr><td>([a-z]+)</td>", result.station._repr_html_())
+    assert sections == ["part", "tunnel", "camera", "sensor", "sequence", "defects", "segmentation"]
+    assert "<td>3 dent</td>" in result.station._repr_html_()
+    assert "luminous_mm = 4" in result.station._repr_html_()
+
+
+def test_a_notebook_shows_no_text_as_markup():
+    station = Station.from_dict(SMALL, "<b>small</b>.toml")
+    assert "<b>" not in station._repr_html_()
 
 
 def test_a_long_table_is_shown_in_part(result):

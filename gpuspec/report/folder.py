@@ -72,8 +72,9 @@ def outputs(
     also_read : tuple of Path
         Files that are never replaced, beside the station's own.
     """
+    folder = folder_of(folder)
     for name in ("sweep.json", "optimise.json"):
-        if os.path.isfile(Path(folder) / name):  # noqa: PTH113 (False for impossible names)
+        if os.path.isfile(folder / name):  # noqa: PTH113 (False for impossible names)
             raise OutputError(
                 f"{folder} is the folder of {'a sweep' if name == 'sweep.json' else 'a search'}, "
                 f"not of a run; choose another folder with -o."
@@ -81,7 +82,7 @@ def outputs(
     names = (*FILES, PATTERN, *copies(station, "station").values())
     read = (*station.inputs, *also_read)
     space = _space(station, frames=frames)
-    return Outputs(folder_of(folder), KIND, names, read, force=force, over=("glance",), space=space)
+    return Outputs(folder, KIND, names, read, force=force, over=("glance",), space=space)
 
 
 def _space(station: Station, *, frames: bool) -> Space:

@@ -346,7 +346,8 @@ class Station(Section):
         rows, columns = self.shape
         count = len(self.defects)
         known = f"{count} defect{'s' * (count != 1)}"
-        placed = f", {len(self.populations)} populations" if self.populations else ""
+        random = len(self.populations)
+        placed = f", {random} population{'s' * (random != 1)}" if random else ""
         relief = f", relief {part.relief.file}" if part.relief else ""
         return (
             f"Station({self._file}: part {part.length_mm:g} x {part.width_mm:g} mm{relief}, {known}"
