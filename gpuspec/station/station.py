@@ -10,6 +10,7 @@ import math
 import re
 import tomllib
 from collections import Counter
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -207,7 +208,8 @@ class Station(Section):
                 f"{file}: a station is made of a dictionary of its sections, not "
                 f"{type(data).__name__}."
             )
-        data = plain(data)
+        with suppress(RecursionError):  # tables too deep, which pydantic refuses in a sentence
+            data = plain(data)
         sides = _sides_of_map(data, Path(folder))
         try:
             station = cls.model_validate(_sized(data, Path(folder)))
