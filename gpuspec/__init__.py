@@ -1,18 +1,22 @@
 """gpuspec: simulate, test and optimise an inspection station for specular parts.
 
->>> import gpuspec
->>> station = gpuspec.Station.read("trim.toml")
->>> result = gpuspec.simulate(station)
+>>> import gpuspec as gs
+>>> station = gs.Station.read("trim.toml")
+>>> result = gs.simulate(station)
 >>> result.score.p1, result.score.p2
+>>> result.picture("histogram"); result.blobs.to_pandas(); result.extent_mm
+>>> result.light_map.score(station.replace(sensor__exposure=6))  # another design, no new trace
+>>> result.save("run"); gs.load("run")
 
 What the command line does is here by the same names: `simulate`, `sweep`, `front`, `optimise`,
-`study`, `example`, `write` (`choose` is what `front` is elsewhere); `survey` lists the devices.
-What they take and give: `Station`, `Result`, `Plan`, `Rule`, `RunFolder`, `Choice`, `Optimum`.
+`study`, `devices`, `example` (`choose` is what `front` is elsewhere). What they take and give:
+`Station`, `Result`, `Plan`, `Rule`, `RunFolder`, `Choice`, `Optimum`; `load` reads a run or a sweep
+back from its folder.
 
->>> plan = gpuspec.Plan.of(station, {"tunnel.luminous_mm": "0.5:8:16", "sensor.exposure": [2, 4]})
->>> choice = gpuspec.front(gpuspec.sweep(plan, "sweep"), gpuspec.Rule(goal="f1"))
->>> choice.station()
->>> gpuspec.study("coverage", station)
+>>> run = gs.sweep(station, {"tunnel.luminous_mm": "0.5:8:16"}, "sweep", parts=3)
+>>> best = gs.choose(run, goal="f1").station()
+>>> best.write("best.toml")
+>>> gs.study("coverage", station).figure()
 """
 
 from __future__ import annotations

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from gpuspec.errors import ExtraError, OutputError
 from gpuspec.simulation.kept import read
 from gpuspec.simulation.result import Result
+from gpuspec.studies.study import STUDIES
 
 if TYPE_CHECKING:
     from gpuspec.sweeps.keeping.folder import RunFolder
@@ -61,6 +62,12 @@ def load(folder: str | Path) -> Result | RunFolder:
         if not path.is_dir():
             what = "is no folder" if path.exists() else "is not there"
             raise OutputError(f"{path} {what}; name the folder of a run or a sweep.")
+        for name in STUDIES:
+            if (path / f"{name}.json").is_file() and not (path / "score.json").is_file():
+                raise OutputError(
+                    f"{path} holds what a study of {name} wrote, from which it is not read back; "
+                    f'gpuspec.study("{name}", "{path / name}.toml") works it out again.'
+                )
         return read(path)
     except (OSError, ValueError) as error:  # impossible names, too
         raise OutputError(f"{path} cannot be read: {error}.") from None

@@ -203,7 +203,7 @@ def test_what_is_no_folder_of_gpuspec_is_refused(tmp_path):
 
 def test_the_folder_of_a_study_or_a_search_is_no_run(tmp_path):
     gs.study("coverage", STATION, backend="numpy").write(tmp_path / "study")
-    refused(tmp_path / "study", "holds no run")
+    refused(tmp_path / "study", "holds what a study of coverage wrote", "works it out again")
     plan = gs.search_plan(STATION, {"sensor.exposure": [2, 4]})
     gs.optimise(plan, tmp_path / "search", 1, backend="numpy")
     refused(tmp_path / "search", "is the folder of a search; gpuspec.optimise")
