@@ -51,7 +51,7 @@ class ScoredLightMap(LightMap):
     >>> station = gs.example("trim").replace(camera__sampling_mm=0.5)
     >>> light_map = gs.simulate(station, "numpy").light_map
     >>> light_map.score(station.replace(sensor__exposure=6)).defects
-    12
+    36
     """
 
     def __init__(

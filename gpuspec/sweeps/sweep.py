@@ -108,7 +108,7 @@ def sweep(
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     run = gs.sweep(station, {"sensor.exposure": [2, 4]}, folder, backend="numpy")
     ...     gs.choose(run, goal="f1").station().sensor.exposure
-    4.0
+    2.0
     """
     if isinstance(vary, (str, Path)) and folder is None:
         vary, folder = None, vary
