@@ -86,9 +86,8 @@ def _result(folder: Path, said: dict[str, Any]) -> Result:
     if json.loads(json.dumps(scored.as_dict())) != said["score"]:
         raise ValueError("its score is not that of the images beside it")
     table = confusion([defect.kind for defect in defects], zones, labels, found.classes)
-    light_map = ScoredLightMap(
-        station, info, relief, Truth(zones, defects), lost, pattern=pattern
-    )  # fmt: skip
+    truth = Truth(zones, defects)
+    light_map = ScoredLightMap(station, info, relief, truth, lost, pattern=pattern)
     return Result(
         station, info, aspect, lost, zones, defects, found, scored, table, light_map, relief,
         tuple(map(str, said["warnings"])),
