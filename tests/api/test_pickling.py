@@ -79,6 +79,7 @@ def test_images_on_a_device_that_is_not_there_are_a_sentence(monkeypatch):
             ask(found.light_map)
 
 
+@pytest.mark.slow
 def test_results_come_home_from_other_processes():
     stations = [STATION.replace(sensor__exposure=e) for e in (2.0, 4.0)]
     context = multiprocessing.get_context("spawn")
@@ -89,6 +90,7 @@ def test_results_come_home_from_other_processes():
         assert result.light_map.score() == result.score
 
 
+@pytest.mark.slow
 def test_a_pickle_is_read_by_a_fresh_process(tmp_path):
     result = gs.simulate(STATION)
     (tmp_path / "r.pickle").write_bytes(pickle.dumps(result))
@@ -111,6 +113,7 @@ def test_what_a_result_is_made_of_is_pickled_too(tmp_path):
     assert traced.result().score == result.score
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STUDIES)
 def test_the_outcome_of_a_study_is_pickled(name):
     small = STATION.replace(camera__sampling_mm=0.4, camera__rows=None)
