@@ -1,21 +1,22 @@
 """gpuspec: simulate, test and optimise an inspection station for specular parts.
 
->>> import gpuspec
->>> station = gpuspec.example("trim")  # your own: gpuspec.Station.read("my_station.toml")
->>> station = station.replace(camera__sampling_mm=0.5)
->>> gpuspec.simulate(station).score
-Score(P1 0.280, P2 0.897, F1 0.426; 33 of 36 defects hit, 5 of 42 blobs false)
+>>> import gpuspec as gs
+>>> station = gs.Station.read("trim.toml")
+>>> result = gs.simulate(station)
+>>> result.score.p1, result.score.p2
+>>> result.picture("histogram"); result.blobs.to_pandas(); result.extent_mm
+>>> result.light_map.score(station.replace(sensor__exposure=6))  # another design, no new trace
+>>> result.save("run"); gs.load("run")
 
 What the command line does is here by the same names: `simulate`, `sweep`, `front`, `optimise`,
-`study`, `example`, `write` (`choose` is what `front` is elsewhere); `survey` lists the devices.
-What they take and give: `Station`, `Result`, `Plan`, `Rule`, `RunFolder`, `Choice`, `Optimum`.
+`study`, `devices`, `example` (`choose` is what `front` is elsewhere). What they take and give:
+`Station`, `Result`, `Plan`, `Rule`, `RunFolder`, `Choice`, `Optimum`; `load` reads a run or a sweep
+back from its folder.
 
->>> plan = gpuspec.Plan.of(station, {"tunnel.luminous_mm": "1:3:3", "sensor.exposure": [2, 4]})
->>> choice = gpuspec.front(gpuspec.sweep(plan, "sweep"), gpuspec.Rule(goal="f1"))
->>> choice.station().tunnel.luminous_mm  # of the best design, with its threshold
-1.0
->>> gpuspec.study("coverage", station).images_needed  # of a period, to show every defect
-4
+>>> run = gs.sweep(station, {"tunnel.luminous_mm": "0.5:8:16"}, "sweep", parts=3)
+>>> best = gs.choose(run, goal="f1").station()
+>>> best.write("best.toml")
+>>> gs.study("coverage", station).figure()
 """
 
 from __future__ import annotations
@@ -25,7 +26,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from gpuspec.errors import GpuspecError
     from gpuspec.light.devices import open_backend, survey
+    from gpuspec.light.devices import survey as devices
     from gpuspec.light.patterns import Pattern
+    from gpuspec.loading import load
     from gpuspec.report.folder import write
     from gpuspec.simulation.result import Result
     from gpuspec.simulation.simulate import simulate
@@ -54,8 +57,10 @@ __all__ = [
     "RunFolder",
     "Station",
     "choose",
+    "devices",
     "example",
     "front",
+    "load",
     "open_backend",
     "optimise",
     "search_plan",
@@ -80,7 +85,9 @@ _HOME = {
     "Station": "station.station",
     "example": "station.examples",
     "choose": "sweeps.choosing.choose",
+    "devices": "light.devices:survey",
     "front": "sweeps.choosing.choose:choose",
+    "load": "loading",
     "open_backend": "light.devices",
     "optimise": "sweeps.searching.optimise",
     "search_plan": "sweeps.searching.optimise:plan_of",
@@ -92,7 +99,7 @@ _HOME = {
     "write": "report.folder",
     "__version__": "version",
 }
-_PACKAGES = {"devices": "light.devices", "studies": "studies", "sweeps": "sweeps"}
+_PACKAGES = ("studies", "sweeps")
 
 
 def __getattr__(name: str) -> Any:
@@ -100,7 +107,7 @@ def __getattr__(name: str) -> Any:
     from importlib import import_module
 
     if name in _PACKAGES:
-        return import_module(f"gpuspec.{_PACKAGES[name]}")
+        return import_module(f"gpuspec.{name}")
     if name not in _HOME:
         raise AttributeError(f"module 'gpuspec' has no attribute {name!r}")
     file, _, there = _HOME[name].partition(":")

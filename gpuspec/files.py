@@ -344,8 +344,10 @@ def folder_of(given: str | Path) -> Path:
     Raises
     ------
     OutputError
-        If the name is empty or blank, which Python takes for the current folder.
+        If it is no path, or the name is empty or blank, which Python takes for the current folder.
     """
+    if not isinstance(given, (str, Path)):
+        raise OutputError(f"a folder for results is named by its path, not {given!r}.")
     if not str(given).strip():
         raise OutputError("the folder for results has no name; write -o . for the current folder.")
     return Path(given)
@@ -431,6 +433,22 @@ def digest(path: Path) -> str:
         file.seek(-_END, os.SEEK_END)
         found.update(file.read())
         return found.hexdigest()
+
+
+def changed(folder: Path, kind: str, names: Iterable[str]) -> list[str]:
+    """Return which files of a folder no longer hold what gpuspec wrote into them.
+
+    Parameters
+    ----------
+    folder : Path
+    kind : str
+        Of the files, see :class:`Outputs`; of those that are not known nothing is said.
+    names : iterable of str
+        Relative to the folder.
+    """
+    known = _manifest(folder).get(kind, _NOTHING)["files"]
+    there = (name for name in names if name in known and (folder / name).is_file())
+    return [name for name in there if digest(folder / name) not in known[name]]
 
 
 _NOTHING: dict[str, dict[str, Any]] = {"of": {}, "files": {}}

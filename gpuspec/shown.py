@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from base64 import b64encode
 from collections.abc import Iterable, Mapping
 from html import escape
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.arrays import pooled
+from gpuspec.errors import ExtraError
 
 ROWS = 20  # of a table in a notebook
 
@@ -63,6 +65,30 @@ def html_table(rows: Iterable[Mapping[str, Any]], total: int) -> str:
     )
     more = f"<p>{total - ROWS:,} more</p>" if total > ROWS else ""
     return f"<table><thead><tr>{heads}</tr></thead><tbody>{lines}</tbody></table>{more}"
+
+
+def html_page(thing: object, *pictures: bytes) -> str:
+    """Return what an object says of itself, and pictures of it as PNG, for a notebook."""
+    images = "".join(
+        f'<img style="max-width:100%" src="data:image/png;base64,{b64encode(png).decode()}">'
+        for png in pictures
+    )
+    return f"<pre>{escape(repr(thing))}</pre>{images}"
+
+
+def data_frame(columns: Mapping[str, Any]) -> Any:
+    """Return columns as a pandas table.
+
+    Raises
+    ------
+    ExtraError
+        If pandas is not installed.
+    """
+    try:
+        import pandas
+    except ModuleNotFoundError:
+        raise ExtraError("this needs pandas, which is not installed; pip install pandas.") from None
+    return pandas.DataFrame(dict(columns))
 
 
 def cell(value: Any) -> str:

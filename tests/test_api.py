@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import io
+import re
 import subprocess
 import sys
+from base64 import b64decode
+from html import escape
 
 import numpy as np
 import pytest
@@ -37,7 +40,7 @@ def result() -> Result:
 def run(tmp_path_factory) -> gpuspec.RunFolder:
     station = Station.from_dict(SMALL, "small.toml")
     plan = gpuspec.Plan.of(station, {"tunnel.luminous_mm": "2:4:3"})
-    return gpuspec.sweep(plan, tmp_path_factory.mktemp("run") / "sweep", "numpy")
+    return gpuspec.sweep(plan, tmp_path_factory.mktemp("run") / "sweep", backend="numpy")
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +55,7 @@ def test_every_public_name_is_there_and_listed():
         assert getattr(gpuspec, name) is not None
         assert name in dir(gpuspec)
     assert set(gpuspec.__all__) == set(gpuspec._HOME) - {"__version__"}
-    assert {"devices", "studies", "sweeps"} <= set(dir(gpuspec))
+    assert {"studies", "sweeps"} <= set(dir(gpuspec))
     assert gpuspec.front is gpuspec.choose
     with pytest.raises(AttributeError, match="no attribute 'simulat'"):
         gpuspec.simulat  # noqa: B018
@@ -111,7 +114,7 @@ def readable(thing: object, *words: str) -> str:
 
 
 def test_a_result_and_its_parts_say_what_they_are(result):
-    readable(result, "small.toml, numpy on cpu", "P1", "3 of 3 defects hit",
+    readable(result, "small.toml: 200 x 100 pixels, numpy on cpu", "P1", "3 of 3 defects hit",
              "aspect: (100, 200) float32, grey levels in DN")  # fmt: skip
     readable(result.station, "small.toml", "20 x 10 mm", "3 defects", "200 x 100 pixels")
     readable(result.score, "P1", "P2", "3 of 3 defects hit")
@@ -157,6 +160,30 @@ def test_a_notebook_shows_pictures_and_tables(result, run, optimum):
     assert blobs.count("<tr>") == 4
     assert "<th>area_mm2</th>" in blobs
     assert "<td>dent</td>" in result.confusion._repr_html_()
+
+
+def test_a_notebook_shows_words_with_pictures(result, run, optimum, tmp_path):
+    outcome = gpuspec.study("coverage", result.station, backend="numpy")
+    choice = gpuspec.front(run)
+    for thing, pictures in ((result, 2), (choice, 1), (optimum, 1), (outcome, 1), (run, 0),
+                            (result.station, 0)):  # fmt: skip
+        shown = thing._repr_html_()
+        assert escape(repr(thing)) in shown
+        found = re.findall(r'src="data:image/png;base64,([^"]+)"', shown)
+        assert len(found) == pictures
+        for one in found:
+            with Image.open(io.BytesIO(b64decode(one))) as picture:
+                assert min(picture.size) >= 100
+    assert run._repr_html_().count("<tr>") == 1 + len(run.plan.axes)
+    sections = re.findall(r"<tr><td>([a-z]+)</td>", result.station._repr_html_())
+    assert sections == ["part", "tunnel", "camera", "sensor", "sequence", "defects", "segmentation"]
+    assert "<td>3 dent</td>" in result.station._repr_html_()
+    assert "luminous_mm = 4" in result.station._repr_html_()
+
+
+def test_a_notebook_shows_no_text_as_markup():
+    station = Station.from_dict(SMALL, "<b>small</b>.toml")
+    assert "<b>" not in station._repr_html_()
 
 
 def test_a_long_table_is_shown_in_part(result):

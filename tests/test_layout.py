@@ -24,9 +24,10 @@ LADDER = (
     {"part", "detection"},
     {"light"},
     {"pictures"},
+    {"report"},
     {"simulation"},
-    {"report", "studies", "sweeps"},
-    {"prototype"},
+    {"studies", "sweeps"},
+    {"loading", "prototype"},
     {"cli"},
     {"__main__", "__init__"},
 )

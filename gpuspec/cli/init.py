@@ -25,15 +25,13 @@ def init(
 ) -> None:
     """Write a station file to start from, every key explained."""
     from gpuspec.errors import OutputError
-    from gpuspec.files import write_new
     from gpuspec.station.examples import example
-    from gpuspec.station.toml import to_toml
 
     if path.name in ("", ".."):
         raise OutputError(f"{path} is a folder; name a file in it, e.g. {path / 'station.toml'}.")
     if not path.suffix:
         path = path.with_suffix(".toml")
-    write_new(path, to_toml(example(name), sized=False), force=force)
+    example(name).write(path, force=force, sized=False)
     print(f"{path} written; simulate it with: gpuspec simulate {path}")
 
 

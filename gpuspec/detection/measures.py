@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gpuspec.arrays import GreyLevels, LabelImage, check_label_image
-from gpuspec.shown import html_table
+from gpuspec.shown import data_frame, html_table
 
 __all__ = ["Blobs", "measure_blobs"]
 
@@ -109,11 +109,50 @@ class Blobs:
     def _columns(self) -> dict[str, npt.NDArray[Any]]:
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
+    def _heads(self) -> list[str]:
+        return [f"{n}_px" if n in _PIXEL_COLUMNS else n for n in self._columns()]
+
+    def _check_classes(self, classes: Sequence[str] | None) -> None:
+        if classes is not None and len(classes) != len(self):
+            raise ValueError(f"There are {len(classes)} classes for {len(self)} blobs.")
+
     def rows(self) -> list[dict[str, int | float]]:
         """Return one dict per blob, measure name to plain int or float."""
         columns = self._columns()
         values = zip(*(column.tolist() for column in columns.values()), strict=True)
         return [dict(zip(columns, row, strict=True)) for row in values]
+
+    def to_pandas(self, classes: Sequence[str] | None = None) -> Any:
+        """Return the table for pandas, with the heads of its CSV.
+
+        Parameters
+        ----------
+        classes : sequence of str, optional
+            Class of each blob, as a last column ``class``.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A row per blob.
+
+        Raises
+        ------
+        ExtraError
+            If pandas is not installed.
+        ValueError
+            If there is not one class per blob.
+
+        Examples
+        --------
+        >>> import gpuspec as gs
+        >>> result = gs.simulate(gs.example("trim").replace(camera__sampling_mm=0.5), "numpy")
+        >>> table = result.blobs.to_pandas(result.classes)
+        >>> len(table) == len(result.blobs)
+        True
+        """
+        self._check_classes(classes)
+        columns: dict[str, Any] = dict(zip(self._heads(), self._columns().values(), strict=True))
+        return data_frame(columns if classes is None else columns | {"class": classes})
 
     def write_csv(
         self, path_or_file: str | Path | TextIO, classes: Sequence[str] | None = None
@@ -132,13 +171,12 @@ class Blobs:
         ValueError
             If there is not one class per blob.
         """
-        if classes is not None and len(classes) != len(self):
-            raise ValueError(f"There are {len(classes)} classes for {len(self)} blobs.")
+        self._check_classes(classes)
         if isinstance(path_or_file, str | Path):
             with Path(path_or_file).open("w", newline="", encoding="utf-8") as file:
                 self.write_csv(file, classes)
             return
-        header = [f"{n}_px" if n in _PIXEL_COLUMNS else n for n in self._columns()]
+        header = self._heads()
         rows: list[list[int | str]] = [
             [v if isinstance(v, int) else format(v, ".9g") for v in row.values()]
             for row in self.rows()

@@ -12,16 +12,17 @@ from gpuspec.errors import BackendError, DeviceError, DeviceWarning
 from gpuspec.light import proof
 from gpuspec.light.backend import Backend, DeviceInfo, Settings
 from gpuspec.light.device_test import COPY, FILES, measured
+from gpuspec.shown import html_table
 
 # In the order in which `auto` tries them.
 BACKENDS = ("opencl", "opengl", "vulkan", "numpy")
-
+_HEADS = ("backend", "number", "device", "driver", "remark")
 FASTER = 1.1
 """By how much other settings must be faster to be taken: times of one run repeat to a tenth."""
 
 
 def open_backend(
-    name: str = "auto", device: str | None = None, among: Sequence[str] = BACKENDS
+    name: str | Backend = "auto", device: str | int | None = None, among: Sequence[str] = BACKENDS
 ) -> Backend:
     """Open a device that computes; a backend or device asked for by name is never swapped.
 
@@ -31,9 +32,10 @@ def open_backend(
 
     Parameters
     ----------
-    name : str
-        One of ``BACKENDS``, or "auto": the first of them with a device that computes.
-    device : str, optional
+    name : str or Backend
+        One of ``BACKENDS``, or "auto": the first of them with a device that computes. An open
+        backend is returned as it is.
+    device : str or int, optional
         Part of the device's name, or its number in `gpuspec devices`.
     among : sequence of str
         What "auto" tries, in order.
@@ -58,6 +60,13 @@ def open_backend(
     gpuspec.errors.BackendError: backend 'cuda' is not known; choose one of auto, opencl,
         opengl, vulkan, numpy.
     """
+    if isinstance(name, Backend):
+        return name
+    if not isinstance(name, str):
+        raise BackendError(
+            f"a backend is an open Backend or one of auto, {', '.join(BACKENDS)}, not {name!r}."
+        )
+    device = None if device is None else str(device)
     left: list[str] = []
     absent: list[str] = []
     for candidate in among if name == "auto" else (name,):
@@ -174,9 +183,38 @@ class Found:
     chosen: bool = False
 
 
-def survey() -> list[Found]:
+class Survey(list[Found]):
+    """The devices there are, as a table of itself."""
+
+    def rows(self) -> list[dict[str, str]]:
+        """Return a dict for each device: backend, number, device, driver and remark."""
+        return [
+            {
+                "backend": one.backend,
+                "number": str(one.number) if one.info else "-",
+                "device": one.info.device.strip() if one.info else "-",
+                "driver": f"{one.info.driver} {one.info.version}" if one.info else "-",
+                "remark": in_one_line(one.remark),
+            }
+            for one in self
+        ]
+
+    def __repr__(self) -> str:
+        lines = [list(_HEADS), *([row[head] for head in _HEADS] for row in self.rows())]
+        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        return "\n".join(
+            "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
+            for line in lines
+        )
+
+    def _repr_html_(self) -> str:
+        """Show itself in a notebook."""
+        return html_table(self.rows(), len(self))
+
+
+def survey() -> Survey:
     """Return every device of every backend, what `auto` takes, and why not the others."""
-    found: list[Found] = []
+    found = Survey()
     for name in BACKENDS:
         try:
             infos = _devices(name)

@@ -14,6 +14,7 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel
 
 from gpuspec.arrays import Image
 from gpuspec.errors import BackendError, StationError
@@ -332,10 +333,16 @@ def _differing(traced: Station, station: Station) -> str:
         for key in type(old).model_fields:
             was, now = getattr(old, key), getattr(new, key)
             if was != now and (name, key) not in LIGHT:
+                if isinstance(was, BaseModel) or isinstance(now, BaseModel):
+                    return f"its {name}.{key} is another than that traced"
                 return f"{name}.{key} is {now} and was {was} when it was traced"
     for name in ("defects", "populations"):
         if getattr(traced, name) != getattr(station, name):
             return f"its {name} are others than those traced"
+    for name in station.files:  # of one name, but in another folder
+        was, now = (one.locate(name).resolve() for one in (traced, station))
+        if was != now:
+            return f"{name} is {now} and was {was} when it was traced"
     return ""
 
 

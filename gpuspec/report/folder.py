@@ -8,31 +8,47 @@ import os
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec import words
+from gpuspec.detection.classes import Confusion
 from gpuspec.errors import OutputError
 from gpuspec.files import Outputs, Space, folder_of
-from gpuspec.simulation.result import Result
+from gpuspec.pictures.seen import Inspected
 from gpuspec.station.station import Station
 from gpuspec.station.toml import copies, keep
 from gpuspec.version import __version__
 
 FILES = (
-    "aspect.tif", "frames.tif", "labels.tif", "truth.tif", "blobs.csv", "defects.csv",
+    "aspect.tif", "frames.tif", "labels.tif", "truth.tif", "lost.tif", "blobs.csv", "defects.csv",
     "score.json", "station.toml", "station.png", "sequence.png", "sequence.gif", "aspect.png",
     "detection.png", "histogram.png", "lost.png",
 )  # fmt: skip
 """What `simulate` writes."""
+ARRAYS = ("aspect", "labels", "truth", "lost")
+"""Images of a run that are kept to the bit, each as a TIFF."""
 PATTERN = "pattern.glsl"  # beside them, of a prototype
 _LABELS_BYTES = 1  # a pixel, of both label images, compressed: at the most, about
 _PAGE_BYTES = 700  # of a TIFF's page beside its pixels
 
+KIND = "run"
 GLANCE = ("score.json", "detection.png")
 """What `prototype --watch` writes."""
+
+
+class Reported(Inspected, Protocol):
+    """An inspection with all that is written of it; attributes as in a simulation's result."""
+
+    @property
+    def confusion(self) -> Confusion:
+        """Known defects against classes found."""
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What is taken as ideal."""
 
 
 def outputs(
@@ -55,14 +71,10 @@ def outputs(
         Whether files are replaced that are not known to be an earlier run's.
     also_read : tuple of Path
         Files that are never replaced, beside the station's own.
-
-    Raises
-    ------
-    OutputError
-        If it is the folder of a sweep or a search.
     """
+    folder = folder_of(folder)
     for name in ("sweep.json", "optimise.json"):
-        if os.path.isfile(Path(folder) / name):  # noqa: PTH113 (False for impossible names)
+        if os.path.isfile(folder / name):  # noqa: PTH113 (False for impossible names)
             raise OutputError(
                 f"{folder} is the folder of {'a sweep' if name == 'sweep.json' else 'a search'}, "
                 f"not of a run; choose another folder with -o."
@@ -70,9 +82,7 @@ def outputs(
     names = (*FILES, PATTERN, *copies(station, "station").values())
     read = (*station.inputs, *also_read)
     space = _space(station, frames=frames)
-    return Outputs(
-        folder_of(folder), "run", names, read, force=force, over=("glance",), space=space
-    )
+    return Outputs(folder, KIND, names, read, force=force, over=("glance",), space=space)
 
 
 def _space(station: Station, *, frames: bool) -> Space:
@@ -96,7 +106,7 @@ def _grey(station: Station) -> type[np.uint8 | np.uint16]:
 
 
 def write(
-    result: Result,
+    result: Reported,
     folder: str | Path,
     *,
     frames: bool = False,
@@ -108,7 +118,7 @@ def write(
 
     Parameters
     ----------
-    result : Result
+    result : Reported
     folder : str or Path
         Made if missing. Files of an earlier run in it are replaced, and no others.
     frames : bool
@@ -126,28 +136,13 @@ def write(
     OutputError
         If a file is in the way, the folder cannot be written or the disk is full; nothing is left
         half-written.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> result = gpuspec.simulate(gpuspec.example("trim").replace(camera__sampling_mm=0.5))
-    >>> gpuspec.write(result, "run", pictures=False)
-    >>> sorted(file.name for file in Path("run").glob("*.csv"))
-    ['blobs.csv', 'defects.csv']
     """
     with outputs(result.station, folder, frames=frames, force=force).writing() as partial:
         write_files(result, partial, frames=frames, pictures=pictures, progress=progress)
 
 
-def write_glance(result: Result, folder: Path) -> None:
-    """Write what one looks at while trying things: the score, and the detection over the aspect.
-
-    Parameters
-    ----------
-    result : Result
-    folder : Path
-        An existing one.
-    """
+def write_glance(result: Reported, folder: Path) -> None:
+    """Write what one looks at while trying things: the score, and the detection over the aspect."""
     from gpuspec.pictures import all as figures
 
     (folder / "score.json").write_text(json.dumps(summary(result), indent=2) + "\n", "utf-8")
@@ -155,32 +150,18 @@ def write_glance(result: Result, folder: Path) -> None:
 
 
 def write_files(
-    result: Result,
+    result: Reported,
     folder: Path,
     *,
     frames: bool,
     pictures: bool,
     progress: Callable[[str], None] | None = None,
 ) -> None:
-    """Write a run's files straight into an existing folder; see :func:`write`.
-
-    Parameters
-    ----------
-    result : Result
-    folder : Path
-        An existing one.
-    frames : bool
-        Whether every image of the sequence is written, too.
-    pictures : bool
-        Whether pictures are drawn.
-    progress : callable, optional
-        Told in a few words what is being done.
-    """
+    """Write a run's files straight into an existing folder; see :func:`write`."""
     tell = progress or (lambda _: None)
     tell("writing images and tables")
-    _write_tif(folder / "aspect.tif", result.aspect, result)
-    _write_tif(folder / "labels.tif", result.labels, result)
-    _write_tif(folder / "truth.tif", result.truth, result)
+    for name in ARRAYS:
+        _write_tif(folder / f"{name}.tif", getattr(result, name), result)
     with (folder / "blobs.csv").open("w", encoding="utf-8", newline="") as file:
         result.blobs.write_csv(file, result.classes.tolist())
     _write_defects(folder / "defects.csv", result)
@@ -194,19 +175,17 @@ def write_files(
     if pictures:
         from gpuspec.pictures import all as figures
 
-        for name, draw in figures.PICTURES.items():
-            if pattern and name == "station.png":  # it draws the stripes
-                continue
+        for name in figures.pictures_of(result):
             tell(f"drawing {name}")
-            draw(result, folder / name)
+            figures.PICTURES[name](result, folder / name)
 
 
-def provenance(result: Result) -> dict[str, Any]:
+def provenance(result: Reported) -> dict[str, Any]:
     """Return what every output records: program, backend, device, driver and version."""
     return {"gpuspec": __version__, **result.info.as_dict()}
 
 
-def summary(result: Result) -> dict[str, Any]:
+def summary(result: Reported) -> dict[str, Any]:
     """Return the content of `score.json`: score, threshold, classes, confusion, provenance."""
     names, counts = np.unique(result.classes, return_counts=True)
     return {
@@ -227,7 +206,7 @@ def summary(result: Result) -> dict[str, Any]:
     }
 
 
-def _tags(result: Result) -> dict[str, Any]:
+def _tags(result: Reported) -> dict[str, Any]:
     per_cm = 10 / result.station.camera.sampling_mm
     return {
         "resolution": (per_cm, per_cm),
@@ -240,14 +219,14 @@ def _tags(result: Result) -> dict[str, Any]:
     }
 
 
-def _write_tif(path: Path, image: NDArray[Any], result: Result) -> None:
+def _write_tif(path: Path, image: NDArray[Any], result: Reported) -> None:
     import tifffile
 
-    tifffile.imwrite(path, image, compression="zlib" if image.dtype == np.int32 else None,
+    tifffile.imwrite(path, image, compression=None if image.dtype.kind == "f" else "zlib",
                      **_tags(result))  # fmt: skip
 
 
-def _write_frames(path: Path, result: Result, tell: Callable[[str], None]) -> None:
+def _write_frames(path: Path, result: Reported, tell: Callable[[str], None]) -> None:
     """Write the images one after another: the sequence is never held."""
     import tifffile
 
@@ -266,7 +245,7 @@ def _write_frames(path: Path, result: Result, tell: Callable[[str], None]) -> No
             file.write(grey, contiguous=False, **_tags(result))
 
 
-def _write_defects(path: Path, result: Result) -> None:
+def _write_defects(path: Path, result: Reported) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file)
         table.writerow(

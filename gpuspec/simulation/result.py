@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,17 +16,23 @@ from gpuspec.detection.inspection import Inspection
 from gpuspec.detection.measures import Blobs
 from gpuspec.detection.score import Score
 from gpuspec.light.backend import DeviceInfo
-from gpuspec.light.light_map import LightMap
 from gpuspec.part.relief import Relief
 from gpuspec.part.truth import KnownDefect
-from gpuspec.shown import array, object_of
+from gpuspec.shown import array, html_page, object_of
 from gpuspec.simulation.cautions import assumptions
+from gpuspec.simulation.light_map import Progress, ScoredLightMap
 from gpuspec.station.station import Station
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class Result:
     """A simulated inspection: images, what was found in them, and how good that is.
+
+    It can be pickled; what stands on the device stays behind and is traced again when its images
+    are asked for.
 
     Attributes
     ----------
@@ -41,8 +49,9 @@ class Result:
     inspection : Inspection
     score : Score
     confusion : Confusion
-    light_map : LightMap
-        For single images: ``result.light_map.image(k)``.
+    light_map : ScoredLightMap
+        For single images, ``result.light_map.image(k)``, and for other designs of the same
+        geometry: ``result.light_map.score(station.replace(sensor__exposure=6))``.
     relief : Relief
     warnings : tuple of str
         What to know before trusting the score, see :mod:`gpuspec.simulation.cautions`.
@@ -69,22 +78,25 @@ class Result:
     inspection: Inspection
     score: Score
     confusion: Confusion
-    light_map: LightMap = field(repr=False, compare=False)
-    relief: Relief = field(repr=False, compare=False)
+    light_map: ScoredLightMap
+    relief: Relief
     warnings: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
+        rows, columns = self.station.shape
         parts = {
             "score": str(self.score),
             "aspect": array(self.aspect, "grey levels in DN"),
             "labels": array(self.labels, f"{len(self.blobs)} blobs above {self.threshold:.1f} DN"),
             "truth": array(self.truth, f"zones of {len(self.defects)} defects"),
             "lost": array(self.lost, "why a pixel sees no light"),
-            "light_map": "on the device; image(k), fuse()",
+            "light_map": "image(k), fuse(), score(station) of another design",
         }
         if self.warnings:
             parts["warnings"] = f"{len(self.warnings)}, the first: {self.warnings[0]}"
-        return object_of("Result", f"{self.station.file}, {self.info}", parts)
+        return object_of(
+            "Result", f"{self.station.file}: {columns} x {rows} pixels, {self.info}", parts
+        )
 
     @property
     def labels(self) -> NDArray[np.int32]:
@@ -122,9 +134,86 @@ class Result:
         on_part: NDArray[np.bool_] = self.lost != BESIDE
         return on_part
 
+    @property
+    def extent_mm(self) -> tuple[float, float, float, float]:
+        """Left, right, bottom and top of the images in the part frame, as ``imshow`` takes them.
+
+        Examples
+        --------
+        >>> import gpuspec as gs
+        >>> result = gs.simulate(gs.example("trim").replace(camera__sampling_mm=0.5), "numpy")
+        >>> result.extent_mm
+        (-100.0, 100.0, -25.0, 25.0)
+        """
+        (rows, columns), p = self.station.shape, self.station.camera.sampling_mm
+        right, top = columns * p / 2, rows * p / 2
+        return -right, right, -top, top
+
+    def picture(self, name: str) -> Figure:
+        """Draw one of a run's pictures.
+
+        Parameters
+        ----------
+        name : str
+            ``"station"``, ``"sequence"``, ``"aspect"``, ``"detection"``, ``"histogram"`` or
+            ``"lost"``.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        StationError
+            If there is none of that name.
+        """
+        from gpuspec.pictures.all import picture
+
+        return picture(self, name)
+
+    def save(
+        self,
+        folder: str | Path,
+        *,
+        frames: bool = False,
+        pictures: bool = True,
+        force: bool = False,
+        progress: Progress | None = None,
+    ) -> None:
+        """Write the files of a run into a folder, from which :func:`gpuspec.load` reads it.
+
+        Parameters
+        ----------
+        folder : str or Path
+            Made if missing. Files of an earlier run in it are replaced, and no others.
+        frames : bool
+            Whether to write every image of the sequence, too.
+        pictures : bool
+            Whether to draw the pictures.
+        force : bool
+            Whether files of the same names are replaced that are not known to be an earlier run's;
+            what the run was made from never is.
+        progress : callable, optional
+            Told what is being written.
+
+        Raises
+        ------
+        OutputError
+            If a file is in the way, the folder cannot be written or the disk is full; nothing is
+            left half-written.
+        """
+        from gpuspec.report.folder import write
+
+        write(self, folder, frames=frames, pictures=pictures, force=force, progress=progress)
+
     def _repr_png_(self) -> bytes:
         """Show itself in a notebook: the detection over the truth."""
-        from gpuspec.pictures.all import detection_picture
         from gpuspec.pictures.page import png
 
-        return png(detection_picture(self))
+        return png(self.picture("detection"))
+
+    def _repr_html_(self) -> str:
+        """Show itself in a notebook: what it is, the detection and the aspect image."""
+        from gpuspec.pictures.page import png
+
+        return html_page(self, *(png(self.picture(name)) for name in ("detection", "aspect")))

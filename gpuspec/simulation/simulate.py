@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.arrays import BESIDE, Image
 from gpuspec.detection.classes import confusion
-from gpuspec.detection.inspection import Inspection, inspect
-from gpuspec.detection.score import Score, score
 from gpuspec.light.backend import Backend, DeviceInfo
 from gpuspec.light.devices import open_backend
-from gpuspec.light.light_map import LightMap
 from gpuspec.part.placement import MANY, asked_for
 from gpuspec.part.relief import Relief
 from gpuspec.part.truth import Truth
 from gpuspec.simulation.cautions import cautions
+from gpuspec.simulation.light_map import Progress, ScoredLightMap
 from gpuspec.simulation.memory import check_memory
 from gpuspec.simulation.result import Result
 from gpuspec.station.station import Station
 
 _SECONDS_PER_DEFECT = 3e-5  # placed and its zone worked out, on a core of a server CPU
-Progress = Callable[[str], None]
 
 
 def simulate(
@@ -59,15 +54,6 @@ def simulate(
         If a topography cannot be used.
     BackendError
         If the backend is absent or fails.
-
-    Examples
-    --------
-    >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.2)
-    >>> result = gpuspec.simulate(station)
-    >>> result.score
-    Score(P1 0.401, P2 0.929, F1 0.560; 36 of 36 defects hit, 0 of 38 blobs false)
-    >>> result.aspect.shape, len(result.blobs), f"{result.threshold:.1f} DN"
-    ((250, 1000), 38, '95.2 DN')
     """
     return trace(Station.of(station), backend, device, progress).result(progress=progress)
 
@@ -82,8 +68,8 @@ class Traced:
     info : DeviceInfo
     relief : Relief
     truth : Truth
-    light_map : LightMap
-        On the device.
+    light_map : ScoredLightMap
+        On the device; scores other designs of the same geometry.
     lost : ndarray of uint8, shape (M, N)
         Why a pixel sees no light, index into ``backends.LOST``.
     """
@@ -92,24 +78,26 @@ class Traced:
     info: DeviceInfo
     relief: Relief
     truth: Truth
-    light_map: LightMap
+    light_map: ScoredLightMap
     lost: NDArray[np.uint8]
 
     def __repr__(self) -> str:
         return f"Traced({self.light_map!r}, {self.truth!r})"
 
-    def result(self, light_map: LightMap | None = None, progress: Progress | None = None) -> Result:
+    def result(
+        self, light_map: ScoredLightMap | None = None, progress: Progress | None = None
+    ) -> Result:
         """Take the aspect image, segment and score it.
 
         Parameters
         ----------
-        light_map : LightMap, optional
+        light_map : ScoredLightMap, optional
             The traced one with another light on it; None: the station's own.
         progress : callable, optional
             Told in a few words what is being done.
         """
         light_map, station, truth = light_map or self.light_map, self.station, self.truth
-        aspect, found, scored = self._inspected(light_map, station, progress or (lambda _: None))
+        aspect, found, scored = light_map.inspected(station, progress)
         kinds = [defect.kind for defect in truth.defects]
         table = confusion(kinds, truth.labels, found.labels, found.classes)
         return Result(
@@ -120,44 +108,6 @@ class Traced:
                 found.threshold, scored,
             ),
         )  # fmt: skip
-
-    def score(self, station: Station | None = None) -> Score:
-        """Score another design of the same geometry, without tracing again.
-
-        Parameters
-        ----------
-        station : Station, optional
-            With its own threshold; None: the traced one.
-
-        Raises
-        ------
-        StationError
-            If its geometry is another.
-
-        Examples
-        --------
-        >>> from gpuspec.simulation.simulate import trace
-        >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.4)
-        >>> traced = trace(station)  # once, and then any stripes, exposure and number of images
-        >>> for exposure in (1, 4):
-        ...     print(traced.score(station.replace(sensor__exposure=exposure)))
-        Score(P1 1.000, P2 0.000, F1 0.000; 0 of 36 defects hit, 0 of 0 blobs false)
-        Score(P1 0.287, P2 0.934, F1 0.439; 34 of 36 defects hit, 5 of 41 blobs false)
-        """
-        station = self.light_map.lit_by(station)
-        return self._inspected(self.light_map, station, lambda _: None)[2]
-
-    def _inspected(
-        self, light_map: LightMap, station: Station, tell: Progress
-    ) -> tuple[Image, Inspection, Score]:
-        """Take the aspect image, inspect and score it: the one way through."""
-        on_part = self.lost != BESIDE
-        tell("taking the aspect image")
-        aspect = light_map.aspect(station)
-        tell("segmenting and scoring")
-        found = inspect(aspect, on_part, station, self.lost == 0)
-        zones = self.truth
-        return aspect, found, score(found.labels, zones.labels, on_part, len(zones.defects))
 
 
 def trace(
@@ -175,10 +125,12 @@ def trace(
         tell(f"working out the zones of {len(relief.defects):,} defects")
     truth = Truth.of(station, relief)
     tell("opening the device")
-    engine = open_backend(backend, device) if isinstance(backend, str) else backend
+    engine = open_backend(backend, device)
     tell(f"tracing on {engine.info.device}")
     light_map = engine.trace(station, relief)
-    return Traced(station, engine.info, relief, truth, light_map, light_map.lost())
+    lost = light_map.lost()
+    scored = ScoredLightMap(station, engine.info, relief, truth, lost, light_map)
+    return Traced(station, engine.info, relief, truth, scored, lost)
 
 
 def _placing(station: Station) -> str:

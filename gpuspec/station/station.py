@@ -9,13 +9,17 @@ from __future__ import annotations
 import math
 import re
 import tomllib
+from collections import Counter
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
-from gpuspec.errors import StationError, TopographyError
+from gpuspec.errors import OutputError, StationError, TopographyError
+from gpuspec.files import write_new
+from gpuspec.shown import cell, html_page, html_table
 from gpuspec.station.defects import (
     Defect,
     Patch,
@@ -256,6 +260,13 @@ class Station(Section):
         >>> station.part.length_mm, station.part.crown_radius_x_mm
         (20.0, None)
         """
+        if not isinstance(data, dict):
+            raise StationError(
+                f"{file}: a station is made of a dictionary of its sections, not "
+                f"{type(data).__name__}."
+            )
+        with suppress(RecursionError):  # tables too deep, which pydantic refuses in a sentence
+            data = plain(data)
         sides = _sides_of_map(data, Path(folder))
         try:
             station = cls.model_validate(_sized(data, Path(folder)))
@@ -334,6 +345,49 @@ class Station(Section):
         changed._source = self._source
         return changed
 
+    def write(self, path: str | Path, *, force: bool = False, sized: bool = True) -> Path:
+        """Write the station to a new file: every key, with what it means.
+
+        Files named in it are found from there, too: beside the station's own file by their names,
+        from anywhere else by their absolute paths.
+
+        Parameters
+        ----------
+        path : str or Path
+        force : bool
+            Whether an existing file is replaced; what the station was made from never is.
+        sized : bool
+            Whether a size that the part has from the map of its relief is written; else the file
+            leaves it to the map.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        OutputError
+            If it exists, or cannot be written.
+
+        Examples
+        --------
+        >>> import gpuspec as gs, tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = gs.example("trim").write(f"{folder}/mine.toml")
+        ...     gs.Station.read(path).tunnel.dark_mm
+        6.0
+        """
+        from gpuspec.station.toml import to_toml
+
+        if not isinstance(path, (str, Path)):
+            raise OutputError(f"a station is written to the path of a file, not {path!r}.")
+        path = Path(path)
+        absolute = path.absolute().parent.resolve() != self._folder.resolve()
+        text = to_toml(self, absolute=absolute, sized=sized)
+        write_new(path, text, force=force, inputs=self.inputs)
+        return path
+
     def _inside(self, target: Any, place: str | int, path: str) -> Any:
         """Return what stands at a place of nested tables and lists; a missing table is made."""
         if isinstance(place, int):
@@ -353,12 +407,22 @@ class Station(Section):
             )
         return found
 
+    def __eq__(self, other: object) -> bool:
+        """Whether all sections and the files they name are the same, wherever they were read."""
+        if not isinstance(other, Station):
+            return NotImplemented
+        same = all(getattr(self, name) == getattr(other, name) for name in type(self).model_fields)
+        return same and all(
+            self.locate(name).resolve() == other.locate(name).resolve() for name in self.files
+        )
+
     def __repr__(self) -> str:
         part, tunnel = self.part, self.tunnel
         rows, columns = self.shape
         count = len(self.defects)
         known = f"{count} defect{'s' * (count != 1)}"
-        placed = f", {len(self.populations)} populations" if self.populations else ""
+        random = len(self.populations)
+        placed = f", {random} population{'s' * (random != 1)}" if random else ""
         relief = f", relief {part.relief.file}" if part.relief else ""
         return (
             f"Station({self._file}: part {part.length_mm:g} x {part.width_mm:g} mm{relief}, {known}"
@@ -367,6 +431,19 @@ class Station(Section):
         )
 
     __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        """Show itself in a notebook: a line for each section."""
+        rows = []
+        for name, held in self.as_dict().items():
+            if isinstance(held, dict):
+                told = [f"{key} = {cell(value)}" for key, value in held.items()]
+            else:
+                kinds = Counter(entry.get("kind", entry.get("name")) for entry in held)
+                told = [f"{count} {kind}" for kind, count in kinds.items()]
+            if told:
+                rows.append({"section": name, "holds": ", ".join(told)})
+        return html_page(self) + html_table(rows, len(rows))
 
     def as_dict(self) -> dict[str, Any]:
         """Return nested plain values, keys with value none left out, as TOML holds them.

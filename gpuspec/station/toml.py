@@ -6,18 +6,43 @@ import shutil
 import types
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Union, get_args, get_origin
+from typing import Any, Protocol, Self, Union, get_args, get_origin
 
 import tomlkit
 from pydantic import BaseModel
 from tomlkit.items import Table
 
 from gpuspec.station.defects import Distribution
-from gpuspec.station.station import Station
+
+
+class Written(Protocol):
+    """What is written as a station file; see :class:`gpuspec.station.station.Station`."""
+
+    @property
+    def file(self) -> str:
+        """Its name."""
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Files named in it."""
+
+    @property
+    def sides_of_map(self) -> tuple[str, ...]:
+        """Keys of the part's size that its map decides."""
+
+    def locate(self, file: str) -> Path:
+        """Return the path of a file named in it."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return nested plain values."""
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any], file: str = ...) -> Self:
+        """Build one of plain values."""
 
 
 def to_toml(
-    station: Station, *, comments: bool = True, absolute: bool = False, sized: bool = True
+    station: Written, *, comments: bool = True, absolute: bool = False, sized: bool = True
 ) -> str:
     """Return the station as TOML: every key with its value, keys that are none as comments.
 
@@ -51,7 +76,7 @@ def to_toml(
         anchored = {name: station.locate(name).resolve().as_posix() for name in station.files}
         station = _relocated(station, anchored)
     document = tomlkit.document()
-    for name in type(station).model_fields:
+    for name in type(station).model_fields:  # type: ignore[attr-defined]
         value = getattr(station, name)
         if isinstance(value, BaseModel):
             left = () if sized or name != "part" else station.sides_of_map
@@ -93,7 +118,7 @@ def _table(section: BaseModel, comments: bool, left: tuple[str, ...] = ()) -> Ta
     return table
 
 
-def copies(station: Station, stem: str) -> dict[str, str]:
+def copies(station: Written, stem: str) -> dict[str, str]:
     """Return where :func:`keep` puts the files that a station names, relative to its folder.
 
     Parameters
@@ -111,7 +136,7 @@ def copies(station: Station, stem: str) -> dict[str, str]:
     return places
 
 
-def keep(station: Station, path: Path) -> None:
+def keep(station: Written, path: Path) -> None:
     """Write a station with a copy of every file it names, so that it runs wherever it is moved.
 
     Parameters
@@ -137,7 +162,7 @@ def keep(station: Station, path: Path) -> None:
     path.write_text(to_toml(_relocated(station, places)), "utf-8")
 
 
-def _relocated(station: Station, places: Mapping[str, str]) -> Station:
+def _relocated(station: Written, places: Mapping[str, str]) -> Written:
     """Return the station with other paths of the files that it names."""
     if not places:
         return station
@@ -146,7 +171,7 @@ def _relocated(station: Station, places: Mapping[str, str]) -> Station:
         for key in ("file", "zone_file"):
             if table and key in table:
                 table[key] = places.get(table[key], table[key])
-    return Station.from_dict(data, station.file)
+    return station.from_dict(data, station.file)
 
 
 def _plain(value: Any) -> Any:

@@ -199,7 +199,7 @@ def study(
     """
     dent = dent or hardest(station)
     check_memory(station)
-    engine = open_backend(backend, device) if isinstance(backend, str) else backend
+    engine = open_backend(backend, device)
     # Of a sharp pinhole the footprint is what one pixel's square covers of the light: its gradient.
     flawless = station.replace(
         **{

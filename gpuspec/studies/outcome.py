@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from gpuspec.files import Outputs, folder_of
 from gpuspec.light.backend import DeviceInfo
-from gpuspec.shown import object_of
+from gpuspec.shown import html_page, object_of
 from gpuspec.station.station import Station
 from gpuspec.station.toml import copies, keep
 from gpuspec.version import __version__
@@ -68,6 +68,10 @@ class Outcome(ABC):
         from gpuspec.pictures.page import png
 
         return png(self.figure())
+
+    def _repr_html_(self) -> str:
+        """Show itself in a notebook: what was found, and the figure."""
+        return html_page(self, self._repr_png_())
 
     def write(self, folder: str | Path, *, force: bool = False) -> None:
         """Write figure, table, findings and station, each under the study's name.

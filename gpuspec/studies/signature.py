@@ -175,7 +175,7 @@ def study(
     if distances < 2:
         raise StationError(f"a curve over {distances} distances is none; ask for 2 or more.")
     row = moved_transition(station, dent, distances)
-    engine = open_backend(backend, device) if isinstance(backend, str) else backend
+    engine = open_backend(backend, device)
     light_map = engine.trace(row)
     p, sigma = row.camera.sampling_mm, dent.sigma_mm
     columns = row.shape[1]

@@ -32,22 +32,10 @@ def study(name: str, station: Station | str | Path | None = None, **options: Any
     Raises
     ------
     StationError
-        If there is no study of that name, or it needs a station.
-
-    Examples
-    --------
-    >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.5)
-    >>> coverage = gpuspec.study("coverage", station)
-    >>> print(coverage.findings()[0])
-    0 % of 40,000 pixels are blind: 0 lost, 0 farther from every transition than 0.944 mm,
-        which shows a dent of 0.933 mm, 1.04 µm deep.
-    >>> gpuspec.study("covrage", station)
-    Traceback (most recent call last):
-        ...
-    gpuspec.errors.StationError: there is no study 'covrage'; choose one of signature,
-        height, coverage, tolerance.
+        If there is no study of that name, it needs a station, or takes no such option.
     """
     from importlib import import_module
+    from inspect import signature
 
     from gpuspec.errors import StationError
 
@@ -57,6 +45,12 @@ def study(name: str, station: Station | str | Path | None = None, **options: Any
         raise StationError(f"the study of {name} needs a station.")
     from gpuspec.station.station import Station
 
-    station = None if station is None else Station.of(station)
-    found: Outcome = import_module(f"gpuspec.studies.{name}").study(station, **options)
+    run = import_module(f"gpuspec.studies.{name}").study
+    known = list(signature(run).parameters)[1:]
+    for option in options:
+        if option not in known:
+            raise StationError(
+                f"the study of {name} takes no {option}; it takes {', '.join(known)}."
+            )
+    found: Outcome = run(None if station is None else Station.of(station), **options)
     return found

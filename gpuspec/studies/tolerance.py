@@ -26,7 +26,8 @@ from gpuspec.light.backend import Backend, DeviceInfo
 from gpuspec.light.devices import open_backend
 from gpuspec.pictures.page import MARGIN, SKY, VERMILION, WIDTH, Sheet, essentials
 from gpuspec.pictures.place import open_frame
-from gpuspec.simulation.simulate import Progress, Traced, trace
+from gpuspec.simulation.light_map import Progress
+from gpuspec.simulation.simulate import Traced, trace
 from gpuspec.station.materials import MATERIALS
 from gpuspec.station.station import Station
 from gpuspec.studies.movements import frozen, movements
@@ -217,7 +218,7 @@ def study(
         33 of 36 defects hit, at the threshold of 99.5 DN that is held.
     """
     _check(offset_mm, rotation_rad, height_mm, reflectivity, steps)
-    engine = open_backend(backend, device) if isinstance(backend, str) else backend
+    engine = open_backend(backend, device)
     tell = progress or (lambda _: None)
     design, nominal, traced, notes = _nominal(station, engine, tell)
     middle = steps // 2
@@ -230,7 +231,7 @@ def study(
         scores = []
         for value in values:
             try:
-                scores.append(trace(moved(design, value), engine).score())
+                scores.append(trace(moved(design, value), engine).light_map.score())
             except StationError as error:
                 raise StationError(f"{name} by {value:+.3g} {unit} is too far: {error}") from None
         found.append(Perturbation(name, unit, tuple(values), middle, tuple(scores)))
@@ -238,12 +239,14 @@ def study(
     values = (reflectivity * spread).tolist()
     # Exposure and reflectivity are one factor of the signal: the light map stays as it is.
     exposures = [design.sensor.exposure * (1 + value) for value in values]
-    scores = [traced.score(design.replace(**{"sensor.exposure": e})) for e in exposures]
+    scores = [traced.light_map.score(design.replace(**{"sensor.exposure": e})) for e in exposures]
     percents = tuple(100 * value for value in values)
     found.append(Perturbation("reflectivity", "%", percents, middle, tuple(scores)))
     tell("changing material")
     names = tuple(MATERIALS)
-    scores = [trace(design.replace(**{"part.material": m}), engine).score() for m in names]
+    scores = [
+        trace(design.replace(**{"part.material": m}), engine).light_map.score() for m in names
+    ]
     own = names.index(design.part.material)
     found.append(Perturbation("material", "", names, own, tuple(scores)))
     return Tolerance(design, engine.info, nominal, tuple(found), notes)
@@ -269,7 +272,7 @@ def _nominal(
             f"{station.file}: {why or 'the image is dark, and nothing is detected.'}"
         )
     design = design.replace(**{"segmentation.threshold": threshold})
-    nominal = traced.score(design)
+    nominal = traced.light_map.score(design)
     if not nominal.hit_px:
         raise StationError(
             f"{station.file} detects no defect at its threshold of {threshold:.5g} DN: there is "

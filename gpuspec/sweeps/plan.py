@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -110,6 +111,9 @@ class Plan:
         table = station.sweep
         vary = varied(vary if vary is not None else table.vary if table else {})
         parts = parts if parts is not None else table.parts if table else 1
+        for name, count in (("parts", parts), ("samples", samples)):
+            if not isinstance(count, Integral) or isinstance(count, bool) or count < 0:
+                raise StationError(f"{name} is {count!r}; it must be a whole number, at least 0.")
         if not vary:
             raise StationError(
                 f"{station.file}: nothing to vary; give --vary KEY=FROM:TO:COUNT, or a table "
@@ -135,7 +139,7 @@ class Plan:
         base = station.replace(sweep=None)
         if base.segmentation.min_area_mm2 or base.segmentation.threshold != "auto":
             base = base.replace(segmentation=None)
-        plan = cls(base, tuple(axes), parts, samples)
+        plan = cls(base, tuple(axes), int(parts), int(samples))
         if plan.designs > DESIGNS_MAX:
             raise StationError(
                 f"{plan.designs:.3g} designs are more than could ever be done or stored; vary "

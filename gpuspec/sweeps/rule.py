@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from numbers import Real
 from typing import Any, Literal
 
@@ -80,6 +80,26 @@ class Rule:
             value = getattr(self, name)
             if not isinstance(value, Real) or not 0 <= float(value) <= 1:
                 raise StationError(f"{name} is {value!r}; it must be a number from 0 to 1.")
+
+    def asking(self, **asked: Any) -> Rule:
+        """Return the rule with other things asked for, by the names of its attributes.
+
+        Raises
+        ------
+        StationError
+            If a name or a value is none.
+
+        Examples
+        --------
+        >>> from gpuspec import Rule
+        >>> str(Rule().asking(goal="f1", p2_floor=0))
+        'all defects hit, then the highest F1'
+        """
+        known = [field.name for field in fields(self)]
+        for name in asked:
+            if name not in known:
+                raise StationError(f"a rule has no {name}; it has {', '.join(known)}.")
+        return replace(self, **asked)
 
     def required(self, seen: int) -> int:
         """Return how many of the defects that can be seen must be hit."""

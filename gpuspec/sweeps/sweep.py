@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any, overload
 
 import numpy as np
 import pyarrow as pa
 
+from gpuspec.errors import OutputError, StationError
 from gpuspec.files import folder_of
 from gpuspec.light.backend import Backend
 from gpuspec.light.devices import open_backend
@@ -22,9 +24,41 @@ Progress = Callable[[str, int, int], None]
 """Told what is being done, how many designs are done, and of how many."""
 
 
+@overload
 def sweep(
-    plan: Plan | Station | str | Path,
+    station: Plan | Station | str | Path,
     folder: str | Path,
+    /,
+    *,
+    backend: str | Backend = "auto",
+    device: str | None = None,
+    progress: Progress | None = None,
+    crew: Crew | None = None,
+) -> RunFolder: ...
+
+
+@overload
+def sweep(
+    station: Plan | Station | str | Path,
+    vary: Mapping[str, Any] | None = None,
+    folder: str | Path | None = None,
+    *,
+    parts: int | None = None,
+    samples: int | None = None,
+    backend: str | Backend = "auto",
+    device: str | None = None,
+    progress: Progress | None = None,
+    crew: Crew | None = None,
+) -> RunFolder: ...
+
+
+def sweep(
+    station: Plan | Station | str | Path,
+    vary: Mapping[str, Any] | str | Path | None = None,
+    folder: str | Path | None = None,
+    *,
+    parts: int | None = None,
+    samples: int | None = None,
     backend: str | Backend = "auto",
     device: str | None = None,
     progress: Progress | None = None,
@@ -34,10 +68,17 @@ def sweep(
 
     Parameters
     ----------
-    plan : Plan, Station, str or Path
-        A station, or the path of its file, has its ``[sweep]`` table for a plan.
+    station : Station, str, Path or Plan
+        A station, the path of its file, or a plan, which says the rest but the folder.
+    vary : mapping of str to str, number or list, optional
+        Keys of the station and what each takes, e.g. ``{"tunnel.luminous_mm": "0.5:8:16"}``. None,
+        or left out as in ``sweep(station, folder)``: the station's ``[sweep]`` table.
     folder : str or Path
         Of a new sweep, or of this one to go on with.
+    parts : int, optional
+        Random parts each design is tried on; None: as the ``[sweep]`` table says, or one.
+    samples : int, optional
+        Pixels of a part that screen the designs; None: every pixel is counted.
     backend : str or Backend
         A name for :func:`gpuspec.light.devices.open_backend`, or an open backend.
     device : str, optional
@@ -53,31 +94,36 @@ def sweep(
     Raises
     ------
     OutputError
-        If the folder holds another sweep, or cannot be written, or the disk is too small.
+        If there is no folder, it holds another sweep, or cannot be written, or the disk is too
+        small.
     StationError
-        If no design is a valid station.
+        If there is nothing to vary, a key or range is wrong, or no design is a valid station.
     BackendError
         If the device is absent or fails.
 
     Examples
     --------
-    >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.5)
-    >>> plan = gpuspec.Plan.of(station, {"sensor.exposure": [1, 2, 4], "sequence.images": [20, 40]})
-    >>> run = gpuspec.sweep(plan, "sweep")
-    >>> run.there(), run.missing()
-    (6, [])
-    >>> choice = gpuspec.choose(run)
-    >>> choice.best.design, choice.best.values
-    (2, {'sensor.exposure': 2.0, 'sequence.images': 20})
+    >>> import gpuspec as gs, tempfile
+    >>> station = gs.example("trim").replace(camera__sampling_mm=0.5)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     run = gs.sweep(station, {"sensor.exposure": [2, 4]}, folder, backend="numpy")
+    ...     gs.choose(run, goal="f1").station().sensor.exposure
+    2.0
     """
-    plan = plan if isinstance(plan, Plan) else Plan.of(plan)
+    if isinstance(vary, (str, Path)) and folder is None:
+        vary, folder = None, vary
+    if folder is None:
+        raise OutputError(
+            'a sweep needs a folder for its results, e.g. sweep(station, vary, "run").'
+        )
+    plan = _plan(station, vary, parts, samples)
     folder = folder_of(folder)
     tell = progress or (lambda *_: None)
     RunFolder(folder, plan).check_folder()
     check_space(folder, plan)
     plan.check_some_valid()
     if crew is None:
-        engine = open_backend(backend, device) if isinstance(backend, str) else backend
+        engine = open_backend(backend, device)
         crew = Alone(Bench(plan, engine))
     with RunFolder.writing(folder, plan) as run:
         run.repair()
@@ -99,6 +145,19 @@ def sweep(
         run.seal()
         run.check_valid()
     return run
+
+
+def _plan(
+    station: Plan | Station | str | Path, vary: Any, parts: int | None, samples: int | None
+) -> Plan:
+    if not isinstance(station, Plan):
+        return Plan.of(station, vary, parts, samples or 0)
+    if (vary, parts, samples) != (None, None, None):
+        raise StationError(
+            "a plan says already what is varied, on how many parts and by how many samples; give "
+            "the station in its place to say so anew."
+        )
+    return station
 
 
 def _make_exact(run: RunFolder, crew: Crew, front: Front, tell: Progress) -> None:

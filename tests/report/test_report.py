@@ -46,8 +46,8 @@ STATION = {
     ],
 }  # fmt: skip
 TABLES = {
-    "aspect.tif", "labels.tif", "truth.tif", "blobs.csv", "defects.csv", "score.json",
-    "station.toml",
+    "aspect.tif", "labels.tif", "truth.tif", "lost.tif", "blobs.csv", "defects.csv",
+    "score.json", "station.toml",
 }  # fmt: skip
 
 

@@ -51,7 +51,7 @@ def plan(samples: int = 0) -> Plan:
 def one(tmp_path_factory: pytest.TempPathFactory, opencl: OpenCLBackend) -> dict[int, pa.Table]:
     """The tables of a single process, exact and screened."""
     folder = tmp_path_factory.mktemp("one")
-    return {n: sweep(plan(n), folder / str(n), opencl).table() for n in (0, 100)}
+    return {n: sweep(plan(n), folder / str(n), backend=opencl).table() for n in (0, 100)}
 
 
 def same(a: pa.Table, b: pa.Table) -> bool:

@@ -108,7 +108,7 @@ def swept(tmp_path_factory: pytest.TempPathFactory, opencl: OpenCLBackend) -> di
         ),
         "invalid": Plan.of(one, {"tunnel.height_mm": [100, 300, 900], "sensor.exposure": [2, 4]}),
     }
-    return {name: sweep(plan, folder / name, opencl) for name, plan in plans.items()}
+    return {name: sweep(plan, folder / name, backend=opencl) for name, plan in plans.items()}
 
 
 def everything(run: RunFolder) -> Scores:
@@ -480,7 +480,7 @@ def test_front_says_how_many_defects_can_be_hit(tmp_path: Path, opencl: OpenCLBa
             "defects[1].depth_um": 0.5,
         }
     )
-    run = sweep(Plan.of(hidden_dent, {"sensor.exposure": [2, 4]}), tmp_path / "run", opencl)
+    run = sweep(Plan.of(hidden_dent, {"sensor.exposure": [2, 4]}), tmp_path / "run", backend=opencl)
     choice = choose(run)
     assert choice.best.hits == 1
     assert choice.shortfall is not None
@@ -493,7 +493,7 @@ def test_front_says_how_many_defects_no_image_has(tmp_path: Path, opencl: OpenCL
     (dent,) = Station.parse(STATION, "s.toml").defects
     under = Station.parse(STATION, "s.toml").replace(defects=[dent, dent])
     assert simulate(under, opencl).score.unseen == 1
-    run = sweep(Plan.of(under, {"sensor.exposure": [2, 4]}), tmp_path / "run", opencl)
+    run = sweep(Plan.of(under, {"sensor.exposure": [2, 4]}), tmp_path / "run", backend=opencl)
     told = [note for note in choose(run).notes if "no pixel of their own" in note]
     assert told[0].startswith("1 of 2 defects")
 
@@ -550,7 +550,7 @@ def test_front_writes_beside_the_sweep_and_leaves_it_as_it_was(
     ran = gpuspec_("front", "run", "--no-pictures")
     assert ran.code == 0, ran.err
     assert {path.name for path in Path("run").iterdir()} == before | {"front"}
-    sweep(swept["axis"].plan, "run", opencl)  # still the same sweep, and finished
+    sweep(swept["axis"].plan, "run", backend=opencl)  # still the same sweep, and finished
 
 
 def test_a_front_by_another_rule_or_of_another_sweep_is_not_replaced_without_a_word(

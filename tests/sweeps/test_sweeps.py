@@ -205,7 +205,7 @@ def test_the_station_file_says_what_is_swept_and_simulate_leaves_it_alone(statio
 def test_a_row_is_what_simulate_gives(station, opencl, tmp_path):
     """P1, P2 and hits of the row, at its threshold, are those of the station it stands for."""
     plan = Plan.of(station, {**GRID, "tunnel.height_mm": "150,250"}, parts=2)
-    run = sweep(plan, tmp_path / "run", opencl)
+    run = sweep(plan, tmp_path / "run", backend=opencl)
     found = rows(run)
     assert [row["design"] for row in found] == list(range(plan.designs))
     for row in found[:: plan.designs // 9]:
@@ -250,7 +250,7 @@ def test_light_maps_beyond_the_memory_are_traced_again_with_the_same_rows(statio
 
 def test_invalid_designs_have_a_reason_and_the_others_a_score(station, opencl, tmp_path):
     plan = Plan.of(station, {"sensor.exposure": "-2:3:6", "tunnel.height_mm": "200,900"})
-    run = sweep(plan, tmp_path / "run", opencl)
+    run = sweep(plan, tmp_path / "run", backend=opencl)
     for row in rows(run):
         exposure, height = row["sensor.exposure"], row["tunnel.height_mm"]
         valid = exposure > 0 and height < 800
@@ -264,12 +264,12 @@ def test_invalid_designs_have_a_reason_and_the_others_a_score(station, opencl, t
 def test_no_valid_design_at_all_is_said(station, opencl, tmp_path):
     plan = Plan.of(station, {"sensor.exposure": "-3,-2"})
     with pytest.raises(StationError, match="no design of the sweep is a valid station"):
-        sweep(plan, tmp_path / "run", opencl)
+        sweep(plan, tmp_path / "run", backend=opencl)
 
 
 def test_a_part_that_does_not_fit_is_a_reason(station, opencl, tmp_path):
     plan = Plan.of(station, {"populations[1].count": "3,100000"})
-    good, bad = rows(sweep(plan, tmp_path / "run", opencl))
+    good, bad = rows(sweep(plan, tmp_path / "run", backend=opencl))
     assert good["reason"] is None
     assert "populations[1]" in bad["reason"]
 
@@ -283,7 +283,7 @@ def test_screening_ends_in_the_front_of_the_exhaustive_sweep(station, opencl, tm
     fronts, made = [], []
     for samples in (0, 300):
         plan = Plan.of(station, GRID, parts=parts, samples=samples)
-        run = sweep(plan, tmp_path / f"run{samples}", opencl)
+        run = sweep(plan, tmp_path / f"run{samples}", backend=opencl)
         front = Front()
         for table in run.batches():
             front.add(table)
@@ -309,7 +309,7 @@ def test_designs_without_a_closed_form_are_exact_under_screening(station, opencl
     plan = Plan.of(
         station.replace(**{"sensor.noise": True}), {"sensor.exposure": "2,4"}, samples=99
     )
-    assert all(row["exact"] for row in rows(sweep(plan, tmp_path / "run", opencl)))
+    assert all(row["exact"] for row in rows(sweep(plan, tmp_path / "run", backend=opencl)))
 
 
 # ------------------------------------------------------------------------------------------ store
@@ -341,15 +341,15 @@ def test_a_sweep_stopped_anywhere_ends_with_the_same_table(
     station, opencl, tmp_path, samples, small_parts
 ):
     plan = Plan.of(station, GRID, samples=samples)
-    undisturbed = sweep(plan, tmp_path / "whole", opencl).table()
+    undisturbed = sweep(plan, tmp_path / "whole", backend=opencl).table()
     steps = [1, 3, 11] + ([14, 17] if samples else [])
     for step in steps:
         for _ in range(3):
             try:
-                sweep(plan, tmp_path / "cut", opencl, progress=stopping_after(step))
+                sweep(plan, tmp_path / "cut", backend=opencl, progress=stopping_after(step))
             except Stopped:
                 continue
-        run = sweep(plan, tmp_path / "cut", opencl)
+        run = sweep(plan, tmp_path / "cut", backend=opencl)
         assert run.table().equals(undisturbed), step
         for path in (tmp_path / "cut" / "designs").iterdir():
             path.unlink()
@@ -358,7 +358,7 @@ def test_a_sweep_stopped_anywhere_ends_with_the_same_table(
 def test_what_is_there_is_not_done_again(station, opencl, tmp_path, small_parts):
     plan = Plan.of(station, GRID)
     with pytest.raises(Stopped):
-        sweep(plan, tmp_path / "run", opencl, progress=stopping_after(5))
+        sweep(plan, tmp_path / "run", backend=opencl, progress=stopping_after(5))
     there = content(tmp_path / "run" / "designs")
     assert len(there) == 5
     tried: list[int] = []
@@ -397,7 +397,7 @@ def test_a_killed_process_leaves_whole_files_and_is_gone_on_with(tmp_path, openc
     assert "designs are there already" in ran.out
     plan = RunFolder.read(tmp_path / "run").plan
     assert not list((tmp_path / "run").rglob(".partial-*"))
-    run = sweep(plan, tmp_path / "other", opencl)
+    run = sweep(plan, tmp_path / "other", backend=opencl)
     assert run.table().equals(RunFolder.read(tmp_path / "run").table())
 
 
@@ -419,7 +419,7 @@ def test_ctrl_c_says_that_the_same_command_goes_on(tmp_path):
 def test_a_full_disk_leaves_what_was_finished(station, tmp_path, small_parts):
     """No file may be larger than this; NumPy, for PoCL writes larger ones of its own."""
     plan = Plan.of(station, {"tunnel.luminous_mm": "0.5:6:12", "sensor.exposure": "1:8:8"})
-    whole = sweep(plan, tmp_path / "run", "numpy").table()
+    whole = sweep(plan, tmp_path / "run", backend="numpy").table()
     run = RunFolder.read(tmp_path / "run")
     run.file(1).unlink()
     before = content(tmp_path)
@@ -428,18 +428,18 @@ def test_a_full_disk_leaves_what_was_finished(station, tmp_path, small_parts):
     resource.setrlimit(resource.RLIMIT_FSIZE, (4_000, hard))
     try:
         with pytest.raises(OutputError, match="it goes on where it was") as error:
-            sweep(plan, tmp_path / "run", "numpy")
+            sweep(plan, tmp_path / "run", backend="numpy")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
         signal.signal(signal.SIGXFSZ, handler)
     assert f"the sweep cannot be written to {tmp_path / 'run'}: " in str(error.value)
     assert content(tmp_path) == before
-    assert sweep(plan, tmp_path / "run", "numpy").table().equals(whole)
+    assert sweep(plan, tmp_path / "run", backend="numpy").table().equals(whole)
 
 
 def test_two_sweeps_are_never_mixed(station, opencl, tmp_path):
     plan = Plan.of(station, GRID)
-    sweep(plan, tmp_path / "run", opencl)
+    sweep(plan, tmp_path / "run", backend=opencl)
     before = content(tmp_path)
     others = {
         "sensor.exposure is 1, 2, 3, 4, ... (8 values) there and 1, 8 here":
@@ -453,17 +453,17 @@ def test_two_sweeps_are_never_mixed(station, opencl, tmp_path):
     }  # fmt: skip
     for words, other in others.items():
         with pytest.raises(OutputError) as error:
-            sweep(other, tmp_path / "run", opencl)
+            sweep(other, tmp_path / "run", backend=opencl)
         assert words in str(error.value)
         assert "holds another sweep" in str(error.value)
     assert content(tmp_path) == before
 
 
 def test_a_table_without_its_identity_is_not_adopted(station, opencl, tmp_path):
-    sweep(Plan.of(station, GRID), tmp_path / "run", opencl)
+    sweep(Plan.of(station, GRID), tmp_path / "run", backend=opencl)
     (tmp_path / "run" / "sweep.json").unlink()
     with pytest.raises(OutputError, match=r"holds other files \(part-.* and no sweep\.json"):
-        sweep(Plan.of(station, GRID), tmp_path / "run", opencl)
+        sweep(Plan.of(station, GRID), tmp_path / "run", backend=opencl)
 
 
 def test_a_named_file_that_changed_makes_another_sweep(station, tmp_path):
@@ -527,7 +527,7 @@ def test_a_damaged_file_is_noticed_and_swept_again(
     station, opencl, tmp_path, small_parts, how, samples
 ):
     plan = Plan.of(station, GRID, samples=samples)
-    whole = sweep(plan, tmp_path / "run", opencl).table()
+    whole = sweep(plan, tmp_path / "run", backend=opencl).table()
     run = RunFolder.read(tmp_path / "run")
     before = {path: path.read_bytes() for path in (tmp_path / "run").rglob("part-*")}
     run.file(3).write_bytes(spoilt(run.file(3).read_bytes(), how))
@@ -550,7 +550,7 @@ def test_a_damaged_file_is_noticed_and_swept_again(
 
 
 def test_checksums_are_those_that_sha256sum_reads(station, opencl, tmp_path, small_parts):
-    sweep(Plan.of(station, GRID, samples=300), tmp_path / "run", opencl)
+    sweep(Plan.of(station, GRID, samples=300), tmp_path / "run", backend=opencl)
     lines = (tmp_path / "run" / "sweep.sha256").read_text("ascii").splitlines()
     for line in lines:
         found, _, name = line.partition("  ")
@@ -563,11 +563,11 @@ def test_a_damaged_line_of_checksums_costs_its_designs_and_no_more(
     station, opencl, tmp_path, small_parts
 ):
     plan = Plan.of(station, GRID)
-    whole = sweep(plan, tmp_path / "run", opencl).table()
+    whole = sweep(plan, tmp_path / "run", backend=opencl).table()
     sums = tmp_path / "run" / "sweep.sha256"
     sums.write_bytes(b"\xff" + sums.read_bytes()[1:-9])  # the first line, and half of the last
     assert RunFolder.read(tmp_path / "run").damaged() == [0, 11]
-    assert sweep(plan, tmp_path / "run", opencl).table().equals(whole)
+    assert sweep(plan, tmp_path / "run", backend=opencl).table().equals(whole)
     assert RunFolder.read(tmp_path / "run").damaged() == []
 
 
@@ -583,7 +583,7 @@ def test_half_a_line_of_checksums_spoils_no_other(tmp_path):
 
 def test_a_sweep_of_before_there_were_checksums_gets_them(station, opencl, tmp_path, small_parts):
     plan = Plan.of(station, GRID)
-    whole = sweep(plan, tmp_path / "run", opencl).table()
+    whole = sweep(plan, tmp_path / "run", backend=opencl).table()
     run = RunFolder.read(tmp_path / "run")
     (tmp_path / "run" / "sweep.sha256").unlink()
     pq.write_table(run.read_file(0)[:5], run.file(0))
@@ -591,7 +591,7 @@ def test_a_sweep_of_before_there_were_checksums_gets_them(station, opencl, tmp_p
     run.file(2).unlink()
     with pytest.raises(OutputError, match="5 rows of 64"):
         RunFolder.read(tmp_path / "run").table()
-    assert sweep(plan, tmp_path / "run", opencl).table().equals(whole)
+    assert sweep(plan, tmp_path / "run", backend=opencl).table().equals(whole)
     assert len((tmp_path / "run" / "sweep.sha256").read_text("ascii").splitlines()) == run.files
 
 
@@ -601,7 +601,7 @@ def test_a_file_written_anew_is_known_whenever_the_writing_is_cut_short(
 ):
     """Killed before the checksum, between it and the file, or after both."""
     plan = Plan.of(station, GRID)
-    run = sweep(plan, tmp_path / "run", opencl)
+    run = sweep(plan, tmp_path / "run", backend=opencl)
     table = run.read_file(0)
     changed = table.set_column(
         table.schema.get_field_index("backend"), "backend", pa.array(["other"] * len(table))
@@ -634,25 +634,25 @@ def test_a_folder_of_something_else_or_in_use_is_refused(station, opencl, tmp_pa
     plan = Plan.of(station, GRID)
     (tmp_path / "note.txt").write_text("mine")
     with pytest.raises(OutputError, match=r"holds other files \(note\.txt\)"):
-        sweep(plan, tmp_path, opencl)
+        sweep(plan, tmp_path, backend=opencl)
     with pytest.raises(OutputError, match=r"note\.txt is a file; choose another folder"):
-        sweep(plan, tmp_path / "note.txt", opencl)
+        sweep(plan, tmp_path / "note.txt", backend=opencl)
     with pytest.raises(OutputError, match="cannot be written"):
-        sweep(plan, tmp_path / "note.txt" / "run", opencl)
+        sweep(plan, tmp_path / "note.txt" / "run", backend=opencl)
     with pytest.raises(OutputError, match="File name too long"):
-        sweep(plan, tmp_path / ("a" * 300), opencl)
+        sweep(plan, tmp_path / ("a" * 300), backend=opencl)
     with (
         RunFolder.writing(tmp_path / "run", plan),
         pytest.raises(OutputError, match="being written by another gpuspec"),
     ):
-        sweep(plan, tmp_path / "run", opencl)
+        sweep(plan, tmp_path / "run", backend=opencl)
     with pytest.raises(OutputError, match="holds no sweep; `gpuspec sweep STATION"):
         RunFolder.read(tmp_path / "nothing")
 
 
 def test_a_damaged_file_is_named_with_what_to_do(station, opencl, tmp_path):
     plan = Plan.of(station, GRID)
-    run = sweep(plan, tmp_path / "run", opencl)
+    run = sweep(plan, tmp_path / "run", backend=opencl)
     run.file(0).write_bytes(b"PAR1 no more")
     with pytest.raises(OutputError, match=r"part-00000000\.parquet is damaged.*the same `gpuspec"):
         list(run.batches())
@@ -661,7 +661,7 @@ def test_a_damaged_file_is_named_with_what_to_do(station, opencl, tmp_path):
 def test_more_designs_than_the_disk_holds_are_refused_before_work(station, opencl, tmp_path):
     plan = Plan.of(station, {"tunnel.luminous_mm": "1:2:100000", "tunnel.dark_mm": "1:2:100000"})
     with pytest.raises(OutputError, match=r"10,000,000,000 designs need about .* GB on disk"):
-        sweep(plan, tmp_path / "run", opencl)
+        sweep(plan, tmp_path / "run", backend=opencl)
     assert not (tmp_path / "run").exists()
 
 
@@ -670,7 +670,7 @@ def test_pandas_polars_and_duckdb_read_the_folder(station, opencl, tmp_path):
     import pandas as pd
     import polars as pl
 
-    run = sweep(Plan.of(station, GRID), tmp_path / "run", opencl)
+    run = sweep(Plan.of(station, GRID), tmp_path / "run", backend=opencl)
     best = max(row["best_p1"] for row in rows(run))
     where = tmp_path / "run" / "designs"
     assert pd.read_parquet(where)["best_p1"].max() == best
@@ -721,7 +721,7 @@ def test_sweep_prints_its_plan_and_what_to_do_next(gpuspec_: Command):
 def test_notes_are_in_the_table_where_they_are_true_and_nowhere_else(station, opencl, tmp_path):
     grid = {"tunnel.length_mm": [10.0, 400.0], "sensor.exposure": [1.0, 4.0],
             "sequence.step_mm": [0.2, 8.0]}  # fmt: skip
-    for row in rows(sweep(Plan.of(station, grid), tmp_path / "run", opencl)):
+    for row in rows(sweep(Plan.of(station, grid), tmp_path / "run", backend=opencl)):
         notes = row["notes"] or ""
         assert ("of the part sees no light" in notes) == (row["tunnel.length_mm"] == 10)
         assert ("does not saturate" in notes) == (row["sensor.exposure"] == 1)
@@ -855,5 +855,5 @@ def test_a_missing_package_is_named_with_its_extra(gpuspec_: Command, monkeypatc
 def test_the_same_sweep_in_python_as_on_the_command_line(gpuspec_: Command, opencl):
     gpuspec_("sweep", "s.toml", "--vary", "tunnel.luminous_mm=1:4:4", "-o", "a")
     plan = Plan.of(Station.read("s.toml"), {"tunnel.luminous_mm": "1:4:4"})
-    run = running.sweep(plan, "b", opencl)
+    run = running.sweep(plan, "b", backend=opencl)
     assert run.table().equals(RunFolder.read("a").table())

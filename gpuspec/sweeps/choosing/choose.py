@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gpuspec.errors import OutputError, StationError
 from gpuspec.light.levels import thresholds
-from gpuspec.shown import object_of
+from gpuspec.shown import html_page, object_of
 from gpuspec.simulation.cautions import BY_CHANCE, out_of_view, without_effect
 from gpuspec.station.station import Station
 from gpuspec.sweeps.choosing.chosen import Chosen
@@ -66,6 +66,10 @@ class Choice:
 
         return png(front_picture(self))
 
+    def _repr_html_(self) -> str:
+        """Show itself in a notebook: the chosen design, and the front."""
+        return html_page(self, self._repr_png_())
+
     @property
     def plan(self) -> Plan:
         """The sweep's plan."""
@@ -77,14 +81,7 @@ class Choice:
         return self.described(self.ranked, 0)
 
     def described(self, points: Points, number: int) -> Chosen:
-        """Return one of some points with its values and its threshold.
-
-        Parameters
-        ----------
-        points : Points
-        number : int
-            Of the point, from 0.
-        """
+        """Return one of some points with its values and its threshold."""
         design, p1, p2 = int(points.design[number]), points.p1[number], points.p2[number]
         return Chosen(
             design, self.plan.values(design), self.threshold_dn(design, points.level[number]),
@@ -93,15 +90,7 @@ class Choice:
         )  # fmt: skip
 
     def threshold_dn(self, design: int, level: float) -> float:
-        """Return a threshold in DN, given as one of 0 to 255.
-
-        Parameters
-        ----------
-        design : int
-            Its number: the bit depth may be varied.
-        level : float
-            0 to 255.
-        """
+        """Return a threshold in DN, given as one of 0 to 255."""
         values = self.plan.values(design)
         bits = int(values.get("sensor.bit_depth", self.plan.station.sensor.bit_depth))
         return float(thresholds(2**bits - 1)[int(level)])
@@ -137,15 +126,6 @@ class Choice:
         ------
         StationError
             If the threshold is full scale, above which nothing is detected.
-
-        Examples
-        --------
-        >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.5)
-        >>> run = gpuspec.sweep(gpuspec.Plan.of(station, {"sensor.exposure": [2, 4]}), "sweep")
-        >>> best = gpuspec.choose(run).station()
-        >>> result = gpuspec.simulate(best)
-        >>> result.threshold == best.segmentation.threshold
-        True
         """
         best = self.best
         station = self.plan.station_of(best.design)
@@ -211,6 +191,7 @@ def choose(
     run: RunFolder | str | Path,
     rule: Rule | None = None,
     also: Callable[[pa.Table], None] | None = None,
+    **asked: Any,
 ) -> Choice:
     """Choose from the designs that a sweep's folder holds; one file is held at a time.
 
@@ -224,26 +205,19 @@ def choose(
     rule : Rule, optional
     also : callable, optional
         Told the `COLUMNS` of every file, in their order.
+    **asked
+        What else the rule asks for: ``goal``, ``p2_floor``, ``p1_floor``, ``hit_share``, see
+        :class:`Rule`; e.g. ``choose(run, goal="f1")``.
 
     Raises
     ------
     OutputError
         If the folder holds no designs yet, or a damaged file.
     StationError
-        If none of the designs is a valid station.
-
-    Examples
-    --------
-    >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.5)
-    >>> run = gpuspec.sweep(gpuspec.Plan.of(station, {"sensor.exposure": [1, 2, 4]}), "sweep")
-    >>> choice = gpuspec.choose(run, gpuspec.Rule(goal="f1", hit_share=0.9))
-    >>> choice.best.values, choice.best.hits
-    ({'sensor.exposure': 4.0}, 32)
-    >>> choice.station().segmentation.threshold == choice.best.threshold_dn
-    True
+        If none of the designs is a valid station, or no rule asks for such a thing.
     """
     run = run if isinstance(run, RunFolder) else RunFolder.read(run)
-    rule = rule or Rule()
+    rule = (rule or Rule()).asking(**asked)
     defects = most_defects(run)
     front = Front()
     for table in run.batches([*COLUMNS]):
@@ -279,20 +253,7 @@ def most_defects(run: RunFolder) -> int:
 
 
 def ranking(rule: Rule, points: Points, defects: int) -> NDArray[np.intp]:
-    """Return the places of points from the best to the worst; of equals the lowest design first.
-
-    Parameters
-    ----------
-    rule : Rule
-    points : Points
-    defects : int
-        Most defects that can be hit.
-
-    Returns
-    -------
-    ndarray of intp
-        One for each point.
-    """
+    """Return the places of points from the best to the worst; of equals the lowest design first."""
     criteria = rule.criteria(points.p1, points.p2, points.hits, defects)
     order: NDArray[np.intp] = np.lexsort(
         (points.level, points.design, *(-c for c in reversed(criteria)))

@@ -19,6 +19,7 @@ from filelock import FileLock, Timeout
 
 from gpuspec.errors import OutputError, StationError
 from gpuspec.files import Space, folder_of
+from gpuspec.shown import html_page, html_table
 from gpuspec.sweeps.keeping import checksums
 from gpuspec.sweeps.keeping.checksums import Checksums, checksum
 from gpuspec.sweeps.plan import Plan
@@ -57,6 +58,14 @@ class RunFolder:
         there = self.there()
         done = "all there" if there == self.plan.designs else f"{there:,} there"
         return f"RunFolder({self.path}: {self.plan.designs:,} designs, {done})"
+
+    def _repr_html_(self) -> str:
+        """Show itself in a notebook: what is varied. What is best, :func:`gpuspec.choose` shows."""
+        axes = [
+            {"key": a.key, "from": a.values[0], "to": a.values[-1], "values": len(a.values)}
+            for a in self.plan.axes
+        ]
+        return html_page(self) + html_table(axes, len(axes))
 
     @classmethod
     def read(cls, path: str | Path) -> RunFolder:

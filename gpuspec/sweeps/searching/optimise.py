@@ -18,7 +18,7 @@ from gpuspec.files import Outputs, folder_of, write_new
 from gpuspec.light.backend import Backend, DeviceInfo
 from gpuspec.light.devices import open_backend
 from gpuspec.light.levels import thresholds
-from gpuspec.shown import object_of
+from gpuspec.shown import html_page, object_of
 from gpuspec.station.station import Station
 from gpuspec.sweeps.axes import VARY_BETWEEN, bounds, varied
 from gpuspec.sweeps.keeping.folder import differences, taken_lock, writes_to
@@ -71,6 +71,10 @@ class Optimum:
         from gpuspec.sweeps.searching.picture import optimise_picture
 
         return optimise_picture(self)
+
+    def _repr_html_(self) -> str:
+        """Show itself in a notebook: the best trial, and all of them."""
+        return html_page(self, self._repr_png_())
 
     def station(self) -> Station:
         """Return the best station with its threshold, and part 0.
@@ -225,7 +229,7 @@ def optimise(
     True
     """
     rule, folder = rule or Rule(), folder_of(folder)
-    engine = open_backend(backend, device) if isinstance(backend, str) else backend
+    engine = open_backend(backend, device)
     identity = {**plan.identity(), "rule": str(rule), "seed": seed}
     search = Search(plan.axes, rule, seed)
     with _writing(folder, identity) as study:
