@@ -1,22 +1,32 @@
 """gpuspec: simulate, test and optimise an inspection station for specular parts.
 
 >>> import gpuspec as gs
->>> station = gs.Station.read("trim.toml")
+>>> station = gs.example("trim")  # your own: gs.Station.read("my_station.toml")
+>>> station = station.replace(camera__sampling_mm=0.5)
 >>> result = gs.simulate(station)
->>> result.score.p1, result.score.p2
->>> result.picture("histogram"); result.blobs.to_pandas(); result.extent_mm
->>> result.light_map.score(station.replace(sensor__exposure=6))  # another design, no new trace
->>> result.save("run"); gs.load("run")
+>>> result.score
+Score(P1 0.280, P2 0.897, F1 0.426; 33 of 36 defects hit, 5 of 42 blobs false)
+>>> result.picture("histogram"), result.extent_mm, result.blobs.to_pandas().shape
+(<Figure size ...>, (-100.0, 100.0, -25.0, 25.0), (42, 18))
+>>> result.light_map.score(station.replace(sensor__exposure=2))  # another design, no new trace
+Score(P1 0.297, P2 0.885, F1 0.445; 33 of 36 defects hit, 6 of 43 blobs false)
+>>> result.save("run")
+>>> gs.load("run").score == result.score
+True
 
 What the command line does is here by the same names: `simulate`, `sweep`, `front`, `optimise`,
 `study`, `devices`, `example` (`choose` is what `front` is elsewhere). What they take and give:
 `Station`, `Result`, `Plan`, `Rule`, `RunFolder`, `Choice`, `Optimum`; `load` reads a run or a sweep
 back from its folder.
 
->>> run = gs.sweep(station, {"tunnel.luminous_mm": "0.5:8:16"}, "sweep", parts=3)
+>>> run = gs.sweep(station, {"tunnel.luminous_mm": "1:3:3", "sensor.exposure": [2, 4]}, "sweep")
 >>> best = gs.choose(run, goal="f1").station()
->>> best.write("best.toml")
->>> gs.study("coverage", station).figure()
+>>> best.tunnel.luminous_mm
+1.0
+>>> best.write("best.toml").name
+'best.toml'
+>>> gs.study("coverage", station).images_needed  # of a period, to show every defect
+4
 """
 
 from __future__ import annotations

@@ -68,7 +68,14 @@ def html_table(rows: Iterable[Mapping[str, Any]], total: int) -> str:
 
 
 def html_page(thing: object, *pictures: bytes) -> str:
-    """Return what an object says of itself, and pictures of it as PNG, for a notebook."""
+    """Return what an object says of itself, and pictures of it as PNG, for a notebook.
+
+    Parameters
+    ----------
+    thing : object
+    *pictures : bytes
+        PNG files.
+    """
     images = "".join(
         f'<img style="max-width:100%" src="data:image/png;base64,{b64encode(png).decode()}">'
         for png in pictures

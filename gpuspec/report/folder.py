@@ -71,6 +71,11 @@ def outputs(
         Whether files are replaced that are not known to be an earlier run's.
     also_read : tuple of Path
         Files that are never replaced, beside the station's own.
+
+    Raises
+    ------
+    OutputError
+        If it is the folder of a sweep or a search.
     """
     folder = folder_of(folder)
     for name in ("sweep.json", "optimise.json"):
@@ -136,13 +141,28 @@ def write(
     OutputError
         If a file is in the way, the folder cannot be written or the disk is full; nothing is left
         half-written.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> result = gpuspec.simulate(gpuspec.example("trim").replace(camera__sampling_mm=0.5))
+    >>> gpuspec.write(result, "run", pictures=False)
+    >>> sorted(file.name for file in Path("run").glob("*.csv"))
+    ['blobs.csv', 'defects.csv']
     """
     with outputs(result.station, folder, frames=frames, force=force).writing() as partial:
         write_files(result, partial, frames=frames, pictures=pictures, progress=progress)
 
 
 def write_glance(result: Reported, folder: Path) -> None:
-    """Write what one looks at while trying things: the score, and the detection over the aspect."""
+    """Write what one looks at while trying things: the score, and the detection over the aspect.
+
+    Parameters
+    ----------
+    result : Result
+    folder : Path
+        An existing one.
+    """
     from gpuspec.pictures import all as figures
 
     (folder / "score.json").write_text(json.dumps(summary(result), indent=2) + "\n", "utf-8")
@@ -157,7 +177,20 @@ def write_files(
     pictures: bool,
     progress: Callable[[str], None] | None = None,
 ) -> None:
-    """Write a run's files straight into an existing folder; see :func:`write`."""
+    """Write a run's files straight into an existing folder; see :func:`write`.
+
+    Parameters
+    ----------
+    result : Result
+    folder : Path
+        An existing one.
+    frames : bool
+        Whether every image of the sequence is written, too.
+    pictures : bool
+        Whether pictures are drawn.
+    progress : callable, optional
+        Told in a few words what is being done.
+    """
     tell = progress or (lambda _: None)
     tell("writing images and tables")
     for name in ARRAYS:

@@ -33,6 +33,19 @@ def study(name: str, station: Station | str | Path | None = None, **options: Any
     ------
     StationError
         If there is no study of that name, it needs a station, or takes no such option.
+
+    Examples
+    --------
+    >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.5)
+    >>> coverage = gpuspec.study("coverage", station)
+    >>> print(coverage.findings()[0])
+    0 % of 40,000 pixels are blind: 0 lost, 0 farther from every transition than 0.944 mm,
+        which shows a dent of 0.933 mm, 1.04 µm deep.
+    >>> gpuspec.study("covrage", station)
+    Traceback (most recent call last):
+        ...
+    gpuspec.errors.StationError: there is no study 'covrage'; choose one of signature,
+        height, coverage, tolerance.
     """
     from importlib import import_module
     from inspect import signature

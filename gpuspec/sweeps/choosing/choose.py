@@ -81,7 +81,14 @@ class Choice:
         return self.described(self.ranked, 0)
 
     def described(self, points: Points, number: int) -> Chosen:
-        """Return one of some points with its values and its threshold."""
+        """Return one of some points with its values and its threshold.
+
+        Parameters
+        ----------
+        points : Points
+        number : int
+            Of the point, from 0.
+        """
         design, p1, p2 = int(points.design[number]), points.p1[number], points.p2[number]
         return Chosen(
             design, self.plan.values(design), self.threshold_dn(design, points.level[number]),
@@ -90,7 +97,15 @@ class Choice:
         )  # fmt: skip
 
     def threshold_dn(self, design: int, level: float) -> float:
-        """Return a threshold in DN, given as one of 0 to 255."""
+        """Return a threshold in DN, given as one of 0 to 255.
+
+        Parameters
+        ----------
+        design : int
+            Its number: the bit depth may be varied.
+        level : float
+            0 to 255.
+        """
         values = self.plan.values(design)
         bits = int(values.get("sensor.bit_depth", self.plan.station.sensor.bit_depth))
         return float(thresholds(2**bits - 1)[int(level)])
@@ -126,6 +141,15 @@ class Choice:
         ------
         StationError
             If the threshold is full scale, above which nothing is detected.
+
+        Examples
+        --------
+        >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.5)
+        >>> run = gpuspec.sweep(gpuspec.Plan.of(station, {"sensor.exposure": [2, 4]}), "sweep")
+        >>> best = gpuspec.choose(run).station()
+        >>> result = gpuspec.simulate(best)
+        >>> result.threshold == best.segmentation.threshold
+        True
         """
         best = self.best
         station = self.plan.station_of(best.design)
@@ -215,6 +239,16 @@ def choose(
         If the folder holds no designs yet, or a damaged file.
     StationError
         If none of the designs is a valid station, or no rule asks for such a thing.
+
+    Examples
+    --------
+    >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.5)
+    >>> run = gpuspec.sweep(gpuspec.Plan.of(station, {"sensor.exposure": [1, 2, 4]}), "sweep")
+    >>> choice = gpuspec.choose(run, gpuspec.Rule(goal="f1", hit_share=0.9))
+    >>> choice.best.values, choice.best.hits
+    ({'sensor.exposure': 4.0}, 32)
+    >>> choice.station().segmentation.threshold == choice.best.threshold_dn
+    True
     """
     run = run if isinstance(run, RunFolder) else RunFolder.read(run)
     rule = (rule or Rule()).asking(**asked)
@@ -253,7 +287,20 @@ def most_defects(run: RunFolder) -> int:
 
 
 def ranking(rule: Rule, points: Points, defects: int) -> NDArray[np.intp]:
-    """Return the places of points from the best to the worst; of equals the lowest design first."""
+    """Return the places of points from the best to the worst; of equals the lowest design first.
+
+    Parameters
+    ----------
+    rule : Rule
+    points : Points
+    defects : int
+        Most defects that can be hit.
+
+    Returns
+    -------
+    ndarray of intp
+        One for each point.
+    """
     criteria = rule.criteria(points.p1, points.p2, points.hits, defects)
     order: NDArray[np.intp] = np.lexsort(
         (points.level, points.design, *(-c for c in reversed(criteria)))
