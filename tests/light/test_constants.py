@@ -30,11 +30,9 @@ def test_no_program_gives_a_shared_constant_a_value_of_its_own(path):
     assert not {name for pair in found for name in pair} & DEFINES.keys()
 
 
-@pytest.mark.parametrize("name", DEFINES)
+# A tunnel of none of the other sections is a ceiling: no program asks for it.
+@pytest.mark.parametrize("name", sorted(DEFINES.keys() - {"SECTION_CEILING"}))
 def test_every_shared_constant_is_used_by_a_program(name):
-    # The section of a tunnel that is none of the others is not asked for.
-    if name in ("SECTION_CEILING",):
-        return
     assert any(re.search(rf"\b{name}\b", code_of(path)) for path in FILES)
 
 
