@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import signal
 import subprocess
@@ -12,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commandline import PROGRAM, Ran, content, names, program, said
+from commandline import PROGRAM, Command, Ran, content, names, program, said
 from scenes import check_station
 from tolerances import DEVICE_DN
 
@@ -59,6 +60,19 @@ def test_the_binary_pattern_is_the_stripes_themselves(traced):
     for name, image in fused.items():
         assert np.abs(image - stripes[name]).max() < DEVICE_DN
     assert lit.faulty() == 0
+
+
+def test_what_is_scored_is_what_the_pattern_shows_and_not_the_stripes(traced):
+    """A light of its own width and exposure, of which the closed form of the stripes knows
+    nothing."""
+    lit = traced.light_map.with_pattern(pattern("return mod(light - shift, 16.0) < 7.0 ? 1.0 : 0.0;"))
+    seen = np.mean([lit.image(k) for k in range(40)], axis=0)
+    assert np.abs(lit.aspect() - seen).max() < DEVICE_DN
+    assert np.abs(lit.aspect() - traced.light_map.aspect()).max() > 40
+    result = traced.result(lit)
+    assert np.array_equal(result.aspect, lit.aspect())
+    assert np.array_equal(result.labels > 0, (lit.aspect() > result.threshold) & result.valid)
+    assert result.score != traced.result().score
 
 
 def test_with_sub_rays_and_a_leak_the_binary_pattern_is_still_the_stripes(traced):
@@ -349,6 +363,15 @@ def test_the_command_writes_pictures_sequence_and_score(tmp_path):
     assert "bad.glsl:1:" in ran.stderr
     assert "Traceback" not in ran.stderr
     assert not (tmp_path / "none").exists()
+
+
+def test_the_printed_scores_are_those_that_are_written(gpuspec_: Command):
+    Path("s.toml").write_text(STATION, encoding="utf-8")
+    ran = gpuspec_("prototype", "s.toml", "--pattern", "binary", "-o", "out")
+    score = json.loads(Path("out/score.json").read_text("utf-8"))["score"]
+    p1, p2 = f"{score['p1']:.3f}", f"{score['p2']:.3f}"
+    assert p1 != p2
+    assert f"precision P1 (overdetection) {p1}, recall P2 (misdetection) {p2} (" in ran.out
 
 
 def test_images_for_a_look_are_written_as_pngs(tmp_path):

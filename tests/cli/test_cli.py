@@ -677,6 +677,16 @@ def test_a_run_leaves_another_that_is_still_running_alone(folder, long_run, gpus
     assert process.poll() is None
 
 
+def test_the_printed_scores_are_those_that_are_written(gpuspec_: Command):
+    ran = gpuspec_("simulate", "s.toml", "--no-pictures", "--set",
+                   "segmentation.threshold=60")  # fmt: skip
+    score = json.loads(Path("run/score.json").read_text("utf-8"))["score"]
+    printed = [f"{score[name]:.3f}" for name in ("p1", "p2", "f1")]
+    assert len(set(printed)) == 3
+    for name, value in zip(("precision P1", "recall P2", "F1"), printed, strict=True):
+        assert re.search(rf"{name}\b.*\s{value}\s", ran.out), (name, value)
+
+
 def test_p2_is_undefined_for_the_reason_that_is_true(gpuspec_):
     flawless = gpuspec_("simulate", "s.toml", "--no-pictures", "--set", "defects=[]")
     assert "undefined (the part is flawless)" in flawless.out

@@ -162,6 +162,48 @@ def test_each_reason_of_loss_is_where_it_must_be(backend):
     assert not (lost[:, x < 0] == 2).any()
 
 
+@pytest.mark.parametrize("side", [2, 3])
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"tunnel.length_mm": 9.0},
+        {"tunnel.opening_length_mm": 30.0, "tunnel.opening_width_mm": 5.0},
+        {"tunnel.length_mm": 9.0, "tunnel.opening_length_mm": 7.0, "tunnel.opening_width_mm": 9.0},
+    ],
+    ids=["past the end", "opening", "all"],
+)
+def test_a_pixel_is_seen_if_any_sub_ray_is_else_lost_for_the_largest_reason(
+    backend, side: int, changes: dict[str, Any]
+):
+    """On a flat part, every sub-ray worked out by hand; the outer pixels lie half beside it."""
+    station = Station.from_dict(
+        {
+            "part": {"length_mm": 9.2, "width_mm": 4.1},
+            "tunnel": {"height_mm": 100.0},
+            "camera": {"height_mm": 800.0, "sampling_mm": 1.0, "subsampling": side, "columns": 10,
+                       "rows": 5},
+        }
+    ).replace(**changes)  # fmt: skip
+    part, tunnel = station.part, station.tunnel
+    sub = (np.arange(side) + 0.5) / side
+    x = ((np.arange(10)[:, None] + sub) - 5.0).ravel()[None, :]
+    y = (2.5 - (np.arange(5)[:, None] + sub)).ravel()[:, None]
+    across = (np.abs(x) * 1.125 <= tunnel.opening_length_mm / 2) & (
+        np.abs(y) * 1.125 <= tunnel.opening_width_mm / 2
+    )
+    why = np.where(across & (tunnel.opening_length_mm > 0), 4, 0)
+    why = np.where(np.abs(x) * 1.125 > tunnel.length_mm / 2, 3, why)
+    why = np.where((np.abs(x) > part.length_mm / 2) | (np.abs(y) > part.width_mm / 2), 1, why)
+    rays = why.reshape(5, side, 10, side).swapaxes(1, 2).reshape(5, 10, -1)
+    want = np.where((rays == 0).any(axis=-1), 0, rays.max(axis=-1))
+    # Pixels whose sub-rays differ, those lost altogether with the largest reason first and last.
+    least, largest = rays.min(axis=-1), rays.max(axis=-1)
+    differ = (least > 0) & (least < largest)
+    assert (rays[..., 0] == largest)[differ].any()
+    assert (rays[..., -1] == largest)[differ].any()
+    assert np.array_equal(backend.trace(station).lost(), want)
+
+
 def test_a_lost_pixel_is_dark(backend):
     station = scene("short tunnel")
     light_map = backend.trace(station)

@@ -255,6 +255,18 @@ def test_a_pit_smaller_than_a_pixel_still_has_one(folder, sampling: float):
         assert (found.labels[home] == number).all()
 
 
+def test_points_that_touch_at_a_corner_are_one_pit(folder):
+    """A scratch aslant is one defect, whatever the grid it was measured on."""
+    heights = np.zeros((100, 120))
+    heights[40 + np.arange(9), 50 + np.arange(9)] = -0.001
+    heights[60, 50] = -0.001
+    write_sur(folder / "x.sur", heights, pitch_mm=(PITCH, PITCH))
+    found = truth(measured(folder))
+    assert [d.kind for d in found.defects] == 2 * ["pit"]
+    sizes = sorted(d.size_mm for d in found.defects)
+    assert sizes == pytest.approx([2 * PITCH / np.sqrt(np.pi), 6 * PITCH / np.sqrt(np.pi)])
+
+
 def test_a_relief_without_stated_zones_holds_no_known_defect(folder):
     station = measured(folder).replace(part__relief__zone_height_um=None)
     found = truth(station)

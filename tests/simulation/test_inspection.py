@@ -257,6 +257,22 @@ def test_blobs_smaller_than_the_least_area_are_dropped(opencl, result: Result):
     assert kept.blobs.area_mm2.min() >= least - 1e-9
 
 
+@pytest.mark.parametrize(
+    ("least_mm2", "kept"),
+    [(0.0, 4), (0.01, 4), (0.011, 3), (0.02, 3), (0.021, 2), (0.03, 2), (0.034, 1), (0.04, 1),
+     (0.041, 0)],
+)  # fmt: skip
+def test_a_blob_of_the_least_area_is_kept_and_none_that_is_smaller(least_mm2: float, kept: int):
+    """Blobs of 1 to 4 pixels of 0.01 mm2, of which the least area need be no multiple."""
+    aspect = np.zeros((9, 9), np.float32)
+    for pixels in range(1, 5):
+        aspect[2 * pixels - 1, 1 : 1 + pixels] = 200
+    rule = one_dent(segmentation__min_area_mm2=least_mm2, segmentation__threshold=100.0)
+    found = inspect(aspect, np.ones(aspect.shape, np.bool_), rule)
+    assert found.blobs.area_px.tolist() == list(range(5 - kept, 5))
+    assert found.labels.max() == kept
+
+
 def test_classes_are_those_of_the_station_in_its_order(opencl, result: Result):
     rules = [
         {"name": "large", "area_min_mm2": 1.0},

@@ -115,13 +115,39 @@ def everything(run: RunFolder) -> Scores:
     return Scores.of(run.table([*COLUMNS]).sort_by("design"))
 
 
+def highest(left: np.ndarray, values: np.ndarray, floor: float = np.inf) -> np.ndarray:
+    """Those left that reach the floor or, where none does, those that come nearest to it."""
+    enough = left & (values >= floor)
+    return enough if enough.any() else left & (values == values[left].max())
+
+
+def asked_for(
+    rule: Rule, p1: np.ndarray, p2: np.ndarray, hits: np.ndarray, defects: int
+) -> np.ndarray:
+    """The best points by the rule as it is told: one thing after another, the first things first.
+
+    Nothing of the rule but what its user sets is asked.
+    """
+    needed = min(n for n in range(defects + 1) if n >= rule.hit_share * defects)
+    left = highest(np.ones(p1.shape, np.bool_), hits, needed)
+    left = highest(left, p2, rule.p2_floor)
+    left = highest(left, p1, rule.p1_floor)
+    if rule.goal == "f1":
+        both = p1 + p2
+        goal = np.divide(2 * p1 * p2, both, out=np.zeros_like(both), where=both > 0)
+    else:
+        goal = {"p1": p1, "p2": p2}[rule.goal]
+    for values in (goal, p2, p1):
+        left = highest(left, values)
+    return left
+
+
 def brute_force(run: RunFolder, rule: Rule, defects: int) -> tuple[int, float, float, int]:
     """The best of all designs at all thresholds, one list searched through."""
     scores = everything(run)
-    flat = (scores.p1.ravel(), scores.p2.ravel(), scores.hits.ravel())
-    place = rule.best(*flat, defects)
-    p1, p2, hits = (values[place] for values in flat)
-    return int(scores.design[place // 256]), float(p1), float(p2), int(hits)
+    p1, p2, hits = scores.p1.ravel(), scores.p2.ravel(), scores.hits.ravel()
+    place = int(np.argmax(asked_for(rule, p1, p2, hits, defects)))
+    return int(scores.design[place // 256]), float(p1[place]), float(p2[place]), int(hits[place])
 
 
 def outcome(choice: Choice) -> tuple[int, float, float, int]:
@@ -154,6 +180,44 @@ def test_the_front_is_what_nothing_beats(swept: dict[str, RunFolder]) -> None:
     for point in np.unique(every, axis=0):
         at_least = (points >= point).all(axis=1)
         assert at_least.any()
+
+
+SHARES = st.sampled_from([0.0, 0.25, 0.5, 0.75, 1.0])
+"""Few values, so that many points are equal in something; no two F1 of them are equal but those of
+the same pair."""
+
+
+@given(
+    st.lists(st.tuples(SHARES, SHARES, st.integers(0, 4)), min_size=1, max_size=20),
+    st.sampled_from(["p1", "p2", "f1"]), SHARES, SHARES, SHARES,
+)  # fmt: skip
+def test_a_rule_asks_for_one_thing_after_another(
+    points: list[tuple[float, float, int]], goal: Any, p2_floor: float, p1_floor: float,
+    share: float,
+) -> None:  # fmt: skip
+    rule = Rule(goal, p2_floor, p1_floor, share)
+    p1, p2, hits = (np.array(values) for values in zip(*points, strict=True))
+    best = rule.best(p1, p2, hits, 4)
+    assert best == np.argmax(asked_for(rule, p1, p2, hits, 4))
+    fulfilled = hits[best] >= share * 4 and p2[best] >= p2_floor and p1[best] >= p1_floor
+    assert rule.fulfilled(p1[best], p2[best], hits[best], 4) == fulfilled
+
+
+@pytest.mark.parametrize(
+    ("better", "worse"),
+    [
+        ((0.0, 0.0, 2), (1.0, 1.0, 1)),  # all defects are hit, whatever else is lost
+        ((0.0, 0.85, 2), (1.0, 0.84, 2)),  # then P2 reaches its floor
+        ((0.9, 0.85, 2), (0.8, 0.99, 2)),  # then P1 is the highest
+        ((0.9, 0.95, 2), (0.9, 0.9, 2)),  # and P2 decides between equals
+        ((0.1, 0.6, 2), (0.9, 0.5, 2)),  # a floor that none reaches is come near to
+    ],
+)
+def test_the_paper_s_rule_is_all_defects_hit_then_a_floor_of_p2_then_the_highest_p1(
+    better: tuple[float, float, int], worse: tuple[float, float, int]
+) -> None:
+    for pair, best in (((better, worse), 0), ((worse, better), 1)):
+        assert Rule().best(*(np.array(values) for values in zip(*pair, strict=True)), 2) == best
 
 
 @pytest.mark.parametrize("rule", RULES, ids=str)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import re
 import subprocess
 import sys
@@ -22,7 +23,7 @@ from gpuspec.sweeps.plan import Plan
 from gpuspec.sweeps.rule import Rule, f1_of
 from gpuspec.sweeps.searching import optimise as module
 from gpuspec.sweeps.searching import picture as optimise_picture_
-from gpuspec.sweeps.searching.optimise import JOURNAL, optimise, plan_of, tried
+from gpuspec.sweeps.searching.optimise import IDENTITY, JOURNAL, optimise, plan_of, tried
 from gpuspec.sweeps.searching.picture import optimise_picture, write_trials
 from gpuspec.sweeps.searching.search import Search, best_of
 from gpuspec.sweeps.trying.bench import Bench
@@ -202,6 +203,41 @@ def test_simulate_reproduces_the_best_exactly(plan, tmp_path, opencl):
     found = optimise(plan, tmp_path, 40, backend=opencl)
     best, score = found.trials[found.best], simulate(found.station(), opencl).score
     assert (score.p1, score.p2, score.defects_hit) == (best.p1, best.p2, best.hits)
+
+
+def proposed(plan: Plan, seed: int) -> list[dict]:
+    """Designs of a search of which every trial is as good as the others."""
+    search = Search(plan.axes, Rule(), seed)
+    for _ in range(28):
+        values, step = search.propose()
+        search.add(module.Trial(values, step, None, 1.0, 0.5, 0.5, 1, 1))
+    assert {trial.step for trial in search.trials} == {False, True}
+    return [trial.values for trial in search.trials]
+
+
+def test_another_seed_is_another_search_and_the_same_seed_the_same(plan):
+    one, again, other = proposed(plan, 1), proposed(plan, 1), proposed(plan, 2)
+    assert one == again
+    assert not [values for values in other if values in one]
+
+
+def test_the_seed_of_the_command_is_that_of_the_search(plan, tmp_path, opencl):
+    one, other = (
+        optimise(plan, tmp_path / str(seed), 2, seed=seed, backend=opencl).trials
+        for seed in (1, 2)
+    )
+    assert [trial.values for trial in one] == proposed(plan, 1)[:2]
+    assert [trial.values for trial in other] == proposed(plan, 2)[:2]
+
+
+def test_the_sampler_is_told_p1_and_p2_of_every_trial(plan, tmp_path, opencl):
+    optimise(plan, tmp_path, 6, backend=opencl)
+    with module._writing(tmp_path, json.loads((tmp_path / IDENTITY).read_text())) as study:
+        told = study.get_trials()
+    assert [direction.name for direction in study.directions] == ["MAXIMIZE", "MAXIMIZE"]
+    for trial in told:
+        assert trial.values == [trial.user_attrs["p1"], trial.user_attrs["p2"]]
+    assert any(trial.user_attrs["p1"] != trial.user_attrs["p2"] for trial in told)
 
 
 def test_it_finds_the_top_of_a_known_smooth_hill_in_a_hundredth_of_a_grid(plan):
