@@ -65,7 +65,9 @@ def test_the_binary_pattern_is_the_stripes_themselves(traced):
 def test_what_is_scored_is_what_the_pattern_shows_and_not_the_stripes(traced):
     """A light of its own width and exposure, of which the closed form of the stripes knows
     nothing."""
-    lit = traced.light_map.with_pattern(pattern("return mod(light - shift, 16.0) < 7.0 ? 1.0 : 0.0;"))
+    lit = traced.light_map.with_pattern(
+        pattern("return mod(light - shift, 16.0) < 7.0 ? 1.0 : 0.0;")
+    )
     seen = np.mean([lit.image(k) for k in range(40)], axis=0)
     assert np.abs(lit.aspect() - seen).max() < DEVICE_DN
     assert np.abs(lit.aspect() - traced.light_map.aspect()).max() > 40

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -15,7 +16,17 @@ from pathlib import Path
 
 import pytest
 import tifffile
-from commandline import PROGRAM, STATION, content, earlier_run, hidden, names, program, said
+from commandline import (
+    PROGRAM,
+    STATION,
+    Command,
+    content,
+    earlier_run,
+    hidden,
+    names,
+    program,
+    said,
+)
 
 import gpuspec
 from gpuspec import files

@@ -223,8 +223,7 @@ def test_another_seed_is_another_search_and_the_same_seed_the_same(plan):
 
 def test_the_seed_of_the_command_is_that_of_the_search(plan, tmp_path, opencl):
     one, other = (
-        optimise(plan, tmp_path / str(seed), 2, seed=seed, backend=opencl).trials
-        for seed in (1, 2)
+        optimise(plan, tmp_path / str(seed), 2, seed=seed, backend=opencl).trials for seed in (1, 2)
     )
     assert [trial.values for trial in one] == proposed(plan, 1)[:2]
     assert [trial.values for trial in other] == proposed(plan, 2)[:2]
