@@ -63,8 +63,7 @@ def test_the_binary_pattern_is_the_stripes_themselves(traced):
 
 
 def test_what_is_scored_is_what_the_pattern_shows_and_not_the_stripes(traced):
-    """A light of its own width and exposure, of which the closed form of the stripes knows
-    nothing."""
+    """Stripes of another width, of which the closed form of the station's knows nothing."""
     lit = traced.light_map.with_pattern(
         pattern("return mod(light - shift, 16.0) < 7.0 ? 1.0 : 0.0;")
     )

@@ -226,3 +226,14 @@ GRADIENT = 2e-6
 DISTANCE_MM = 2e-4
 """mm on the light: distance to a transition, from light coordinates of 150 mm in float32; measured
 7e-5 against float64 on a crown, 1.8e-5 on a flat part."""
+
+# ---------------------------------------------------------------------------------------- sweeps
+
+WRONG_SWEEPS = 0.01
+"""Share of screened sweeps with any wrong bound, as promised. Measured on made-up ones of 16
+designs: none of 300 (bounds of neighbouring thresholds go together); at a confidence of 50 %, 7 %.
+"""
+
+RISK = 1e-6
+"""Relative: chance of a bound to be wrong against its share; measured 1e-9 (the inverse of the
+distribution function in float64)."""

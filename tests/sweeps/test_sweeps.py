@@ -9,6 +9,7 @@ import resource
 import signal
 import subprocess
 import time
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -16,22 +17,29 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+import tolerances
 from commandline import PROGRAM, Command, content, program, said
+from scipy.stats import binom
+from tolerances import RISK
 
 import gpuspec
 from gpuspec.errors import OutputError, StationError
+from gpuspec.light.levels import Levels, Sample, Zones, levels_of
 from gpuspec.light.opencl import OpenCLBackend
 from gpuspec.station.station import Station
 from gpuspec.sweeps import sweep as running
 from gpuspec.sweeps.axes import axis
-from gpuspec.sweeps.choosing.front import Front
+from gpuspec.sweeps.choosing.front import Front, curves
 from gpuspec.sweeps.crew import Alone
 from gpuspec.sweeps.keeping.checksums import Checksums
 from gpuspec.sweeps.keeping.folder import RunFolder, differences
+from gpuspec.sweeps.estimate import estimate
 from gpuspec.sweeps.notes import of_plan
 from gpuspec.sweeps.plan import SEED_STEP, Plan, with_part
 from gpuspec.sweeps.sweep import sweep
+from gpuspec.sweeps.trying import bench as bench_module
 from gpuspec.sweeps.trying.bench import Bench
+from gpuspec.sweeps.trying.parts import Parts, TracedPart
 
 STATION: dict[str, Any] = {
     "part": {"length_mm": 14.0, "width_mm": 9.0},
@@ -238,6 +246,59 @@ def test_geometry_is_traced_once_for_each_part(station, opencl):
     assert bench.parts.traced == 6
 
 
+def test_every_part_has_noise_of_its_own(opencl):
+    """That of the station it stands for, and no other part's: the same dent, another noise."""
+    noisy = Station.from_dict({**STATION, "populations": []}).replace(
+        **{"sensor.noise": True, "sensor.read_noise_e": 60.0, "sequence.images": 4}
+    )
+    designs = [noisy, noisy.replace(**{"sensor.exposure": 2.0})]
+    found, traced = Parts(opencl, 3, 0).levels(designs, sampled=False)
+    for number, (levels, part) in enumerate(zip(found, traced, strict=True)):
+        for n, design in enumerate(designs):
+            station = with_part(design, number)
+            wanted = levels_of(opencl.trace(station).aspect(), part.zones, 255)
+            assert np.array_equal(levels.inside[n, 1:], wanted.inside[0, 1:])
+            assert np.array_equal(levels.outside[n, 1:], wanted.outside[0, 1:])
+    for one, other in combinations(found, 2):
+        assert (one.outside != other.outside).any(axis=1).all()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{}, {"sequence.fusion": "std"}, {"camera.subsampling": 2}, {"sequence.step_mm": 0.31},
+     {"sensor.noise": True}],
+    ids=str,
+)  # fmt: skip
+def test_parts_of_a_population_are_counted_whatever_the_design(station, backend, change):
+    """Each part is the one of its seed, with and without a closed form."""
+    design = station.replace(**change)
+    found, traced = Parts(backend, 2, 0).levels([design], sampled=False)
+    for number, (levels, part) in enumerate(zip(found, traced, strict=True)):
+        wanted = levels_of(backend.trace(with_part(design, number)).aspect(), part.zones, 255)
+        assert np.array_equal(levels.outside[:, 1:], wanted.outside[:, 1:])
+        assert np.array_equal(levels.peaks, wanted.peaks)
+
+
+@pytest.mark.parametrize(("rays", "again"), [(1, 0), (3, 3)])
+def test_light_maps_are_kept_as_long_as_they_fit_sub_rays_counted(station, opencl, rays, again):
+    """A pixel of nine sub-rays takes nine times the memory: what held three parts holds one."""
+    rows, columns = station.shape
+    engine = OpenCLBackend(memory_bytes=int(3.5 * 13 * rows * columns))
+    parts = Parts(engine, 3, 0)
+    design = station.replace(**{"camera.subsampling": rays})
+    parts.levels([design], sampled=False)
+    assert parts.traced == 3
+    parts.levels([design], sampled=False)
+    assert parts.traced == 3 + again
+
+
+def test_the_plan_tells_the_memory_of_every_sub_ray(station):
+    rows, columns = station.shape
+    for rays in (1, 3):
+        plan = Plan.of(station.replace(**{"camera.subsampling": rays}), GRID, parts=2)
+        assert estimate(plan, None, 1).device_bytes == 13 * rows * columns * rays**2 * 2
+
+
 def test_light_maps_beyond_the_memory_are_traced_again_with_the_same_rows(station, opencl):
     plan = Plan.of(station, {"sensor.exposure": "1:8:8"}, parts=3)
     small = OpenCLBackend(memory_bytes=400_000)
@@ -303,6 +364,91 @@ def test_screening_ends_in_the_front_of_the_exhaustive_sweep(station, opencl, tm
         else:
             assert all(np.array(row["p1_low"]) <= true["p1"])
             assert all(np.array(row["p1_high"]) >= true["p1"])
+
+
+STRATA, WEIGHT, TRIED, ZONE = 400, 50, 16, 10
+"""Of a made-up screening: strata, pixels of each, designs, and pixels of its one zone."""
+
+
+class MadeUp:
+    """Parts of which the levels are drawn, in place of those of a traced part.
+
+    In every stratum the levels 1 to 255 are equally frequent: strata as unlike each other as can
+    be would be easier. What a threshold truly detects is then known without drawing.
+    """
+
+    def __init__(self, seed: int) -> None:
+        self.random = np.random.default_rng(seed)
+        none, one = np.zeros(0, np.uint32), np.ones(1, np.float32)
+        sample = Sample(none, np.zeros(STRATA, np.uint32), WEIGHT, one, one)
+        valid = np.ones((1, 1), np.bool_)
+        zones = Zones(np.arange(ZONE, dtype=np.uint32), np.array([0, ZONE]), valid)
+        self.part = TracedPart(None, zones, sample)
+        self.drawn: list[np.ndarray] = []
+
+    def levels(self, stations: Any, *, sampled: bool) -> tuple[list[Levels], list[TracedPart]]:
+        found = Levels.empty(len(stations), 1)
+        for counts in found.sampled:
+            counts[:] = np.bincount(self.random.integers(1, 256, STRATA), minlength=256)
+        found.inside[:, 255], found.peaks[:], found.ceiling[:] = ZONE, 255, 255
+        self.drawn.append(found.sampled)
+        return [found], [self.part]
+
+
+def made_up(opencl, seed: int = 0) -> Bench:
+    plan = Plan.of(
+        Station.from_dict({**STATION, "populations": []}),
+        {"sensor.exposure": f"1:8:{TRIED}"},
+        samples=STRATA,
+    )
+    bench = Bench(plan, opencl)
+    bench.parts = MadeUp(seed)
+    return bench
+
+
+def sweeps_with_a_wrong_bound(bench: Bench, count: int) -> int:
+    """Of many sweeps, those in which any bound of any design at any threshold is wrong."""
+    outside = STRATA * WEIGHT * (255 - np.arange(255)) / 255
+    true = ZONE / (ZONE + outside)
+    wrong = 0
+    for _ in range(count):
+        table = bench.rows(range(TRIED), sampled=True)
+        low, high = (curves(table, name)[:, :255] for name in ("p1_low", "p1_high"))
+        wrong += bool(((true < low) | (true > high)).any())
+    return wrong
+
+
+def test_in_99_of_100_screened_sweeps_every_bound_holds(opencl):
+    """All bounds of all designs at all thresholds together, as it is promised."""
+    assert sweeps_with_a_wrong_bound(made_up(opencl), 300) <= tolerances.WRONG_SWEEPS * 300
+
+
+@pytest.mark.parametrize("confidence", [0.5, 1 - 0.01 * 2 * 256], ids=["50 %", "not shared"])
+def test_a_promise_that_is_not_kept_would_be_seen(opencl, monkeypatch, confidence):
+    """The test above can fail: with a confidence of 50 %, and with a risk that is not shared."""
+    monkeypatch.setattr(bench_module, "CONFIDENCE", confidence)
+    assert sweeps_with_a_wrong_bound(made_up(opencl), 100) > 3 * tolerances.WRONG_SWEEPS * 100
+
+
+def test_each_bound_of_a_sweep_has_its_share_of_a_risk_of_1_percent(opencl):
+    """The bounds as Clopper and Pearson define them, by the distribution and not its inverse."""
+    bench = made_up(opencl)
+    table = bench.rows(range(TRIED), sampled=True)
+    low, high = (curves(table, name) for name in ("p1_low", "p1_high"))
+    share = 0.01 / (2 * 256 * TRIED)
+    (sampled,) = bench.parts.drawn
+    looked_at = 0
+    for design in range(TRIED):
+        for level in range(1, 250, 31):
+            drawn = sampled[design, level + 1 :].sum()
+            whole = STRATA * WEIGHT
+            most, least = (ZONE / p1[design, level] - ZONE for p1 in (low, high))
+            # Else the drawn pixels themselves are the bound.
+            if least > drawn and most < whole - (STRATA - drawn):
+                assert binom.sf(drawn - 1, STRATA, least / whole) == pytest.approx(share, rel=RISK)
+                assert binom.cdf(drawn, STRATA, most / whole) == pytest.approx(share, rel=RISK)
+                looked_at += 1
+    assert looked_at > 5 * TRIED
 
 
 def test_designs_without_a_closed_form_are_exact_under_screening(station, opencl, tmp_path):
