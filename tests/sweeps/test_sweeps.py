@@ -31,9 +31,9 @@ from gpuspec.sweeps import sweep as running
 from gpuspec.sweeps.axes import axis
 from gpuspec.sweeps.choosing.front import Front, curves
 from gpuspec.sweeps.crew import Alone
+from gpuspec.sweeps.estimate import estimate
 from gpuspec.sweeps.keeping.checksums import Checksums
 from gpuspec.sweeps.keeping.folder import RunFolder, differences
-from gpuspec.sweeps.estimate import estimate
 from gpuspec.sweeps.notes import of_plan
 from gpuspec.sweeps.plan import SEED_STEP, Plan, with_part
 from gpuspec.sweeps.sweep import sweep
