@@ -51,6 +51,34 @@ def test_a_device_short_of_memory_works_in_tiles(opencl):
         assert np.array_equal(light_map.lost(), whole.lost())
 
 
+@pytest.mark.parametrize("rays", [1, 3])
+def test_a_tile_takes_no_more_memory_than_it_may(device_backend, rays, monkeypatch):
+    """Bytes reserved while one tile is traced, of all its sub-rays."""
+    station, limit = check_station(camera__subsampling=rays), 20_000
+    short = type(device_backend)(memory_bytes=limit)
+    light_map = short.trace(station)
+    assert 1 < light_map.tiles < station.shape[0]
+    reserved = []
+
+    def watched(name, size):
+        real = getattr(short, name)
+
+        def call(*arguments):
+            reserved.append(size(*arguments))
+            return real(*arguments)
+
+        monkeypatch.setattr(short, name, call)
+
+    if hasattr(short, "target"):  # a texture of so many components, four bytes each
+        watched("target", lambda shape, components, dtype="f4": 4 * np.prod(shape) * components)
+    else:
+        watched("empty", lambda size: size)
+    with light_map.failures():
+        next(iter(light_map.bands()))
+    assert 0 < sum(reserved) <= limit
+    assert sum(reserved) > limit / 5  # nor is it cut into far smaller ones
+
+
 @pytest.mark.parametrize("noise", [False, True])
 @pytest.mark.parametrize("subsampling", [1, 2])
 def test_many_images_are_worked_out_in_slices_with_the_same_result_to_the_bit(
