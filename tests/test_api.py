@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+from commandline import DEADLINE_S
 from PIL import Image
 
 import gpuspec
@@ -61,17 +62,22 @@ def test_every_public_name_is_there_and_listed():
 def test_import_alone_reads_no_library():
     heavy = ["numpy", "scipy", "matplotlib", "pyopencl", "pydantic", "pyarrow", "typer"]
     code = f"import sys, gpuspec; dir(gpuspec); print([n for n in {heavy} if n in sys.modules])"
-    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    shown = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=DEADLINE_S
+    )
     assert shown.stdout == "[]\n"
 
 
+@pytest.mark.slow
 def test_names_reach_the_same_after_any_import_of_their_files():
     code = (
         "import gpuspec, gpuspec.sweeps.choosing.front, gpuspec.sweeps.searching.optimise\n"
         "import gpuspec.light.devices, gpuspec.studies.coverage\n"
         "print([n for n in gpuspec.__all__ if type(getattr(gpuspec, n)).__name__ == 'module'])"
     )
-    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    shown = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=DEADLINE_S
+    )
     assert shown.stdout == "[]\n"
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commandline import PROGRAM, Command, Ran, content, names, program, said
+from commandline import DEADLINE_S, PROGRAM, Command, Ran, content, names, program, said
 from scenes import check_station
 from tolerances import DEVICE_DN
 
@@ -296,6 +296,7 @@ def test_a_missing_or_binary_file_is_refused(tmp_path):
 LOOP = "float x = light; while (x < 1e9) { x = sin(x + shift); } return x;"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", ["opengl", "vulkan"])
 def test_a_pattern_that_loops_for_ever_is_stopped_and_the_next_one_runs(tmp_path, backend):
     station = Station.parse(STATION)
@@ -327,7 +328,7 @@ def test_each_save_is_rendered_once(tmp_path):
         until(lambda: seen[-1] == "ccc")
     finally:
         done.set()
-        thread.join()
+        thread.join(timeout=DEADLINE_S)
     assert seen == ["a", "bb", "ccc"]
 
 
@@ -338,13 +339,16 @@ def until(holds) -> None:
         time.sleep(0.01)
 
 
+@pytest.mark.slow
 def test_the_command_writes_pictures_sequence_and_score(tmp_path):
     (tmp_path / "s.toml").write_text(STATION)
     command = [
         sys.executable, "-m", "gpuspec", "prototype", "s.toml", "--pattern", "sinusoidal",
         "--frames", "look.gif", "-o", "out", "--set", "sequence.images=8",
     ]  # fmt: skip
-    ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    ran = subprocess.run(
+        command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=DEADLINE_S
+    )
     assert ran.returncode == 0, ran.stderr
     assert "P1" in ran.stdout
     assert (tmp_path / "look.gif").read_bytes().startswith(b"GIF8")
@@ -354,12 +358,16 @@ def test_the_command_writes_pictures_sequence_and_score(tmp_path):
     assert Pattern.read(tmp_path / "out" / "pattern.glsl").text == Pattern.read("sinusoidal").text
     assert "note: nothing is detected" in ran.stdout
     dark = [*command, "--set", "tunnel.length_mm=4.0"]
-    ran = subprocess.run(dark, cwd=tmp_path, capture_output=True, text=True, check=False)
+    ran = subprocess.run(
+        dark, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=DEADLINE_S
+    )
     assert "note: 83 % of the part sees no light" in ran.stdout
     command[command.index("out")] = "none"
     (tmp_path / "bad.glsl").write_text(f"{HEAD} {{ return x; }}")
     command[command.index("sinusoidal")] = "bad.glsl"
-    ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    ran = subprocess.run(
+        command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=DEADLINE_S
+    )
     assert ran.returncode == 1
     assert "bad.glsl:1:" in ran.stderr
     assert "Traceback" not in ran.stderr
@@ -375,6 +383,7 @@ def test_the_printed_scores_are_those_that_are_written(gpuspec_: Command):
     assert f"precision P1 (overdetection) {p1}, recall P2 (misdetection) {p2} (" in ran.out
 
 
+@pytest.mark.slow
 def test_images_for_a_look_are_written_as_pngs(tmp_path):
     station = Station.parse(STATION).replace(sequence__images=3)
     frames = tmp_path / "frames"
@@ -412,6 +421,7 @@ def glanced(cwd: Path, *arguments: object, until_saved: Path) -> str:
     return process.communicate(timeout=60)[0]
 
 
+@pytest.mark.slow
 def test_a_glance_never_replaces_a_whole_run(tmp_path):
     assert shown("-o", "out", cwd=tmp_path).code == 0
     before = content(tmp_path / "out")
@@ -429,6 +439,7 @@ def test_a_glance_never_replaces_a_whole_run(tmp_path):
     assert "aspect.tif" in names(tmp_path / "watch")
 
 
+@pytest.mark.slow
 def test_a_sequence_is_a_gif_or_a_folder(tmp_path):
     for name in ("x.mp4", "x.png", "below/x.tif"):
         told = said(shown("--frames", name, cwd=tmp_path))
@@ -439,6 +450,7 @@ def test_a_sequence_is_a_gif_or_a_folder(tmp_path):
     assert len(names(tmp_path / "of 7.5")) == 4
 
 
+@pytest.mark.slow
 def test_a_sequence_replaces_only_an_earlier_one(tmp_path):
     (tmp_path / "look.gif").write_text("mine", encoding="utf-8")
     assert "look.gif is in the way" in said(shown("--frames", "look.gif", cwd=tmp_path))
@@ -451,6 +463,7 @@ def test_a_sequence_replaces_only_an_earlier_one(tmp_path):
     assert "would be written twice" in told
 
 
+@pytest.mark.slow
 def test_a_pattern_is_never_replaced(tmp_path):
     (tmp_path / "s.toml").write_text(STATION, encoding="utf-8")
     text = Pattern.read("binary").text

@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 import tifffile
 from commandline import (
+    DEADLINE_S,
     PROGRAM,
     STATION,
     Command,
@@ -77,7 +78,9 @@ def test_simulate_writes_every_file_and_says_how_well_it_did(folder):
 
 def test_the_program_and_the_module_are_one_command(folder):
     script = Path(sys.executable).with_name("gpuspec")
-    shown = subprocess.run([script, "--version"], capture_output=True, text=True, check=True)
+    shown = subprocess.run(
+        [script, "--version"], capture_output=True, text=True, check=True, timeout=DEADLINE_S
+    )
     assert (
         shown.stdout == program("--version", cwd=folder).out == f"gpuspec {gpuspec.__version__}\n"
     )
@@ -127,7 +130,12 @@ def test_help_starts_without_the_libraries_that_simulate(folder):
     heavy = ["numpy", "scipy", "skimage", "matplotlib", "pyopencl", "tifffile", "pydantic", "PIL"]
     code = f"import sys, gpuspec.cli.main; print([n for n in {heavy} if n in sys.modules])"
     shown = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=folder
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=folder,
+        timeout=DEADLINE_S,
     )
     assert shown.stdout == "[]\n"
 
@@ -141,12 +149,18 @@ def test_the_schema_is_json_that_knows_every_section(gpuspec_):
 def test_a_reader_that_stops_listening_is_no_error(folder):
     command = " ".join(f"'{word}'" for word in [*PROGRAM, "schema"])
     done = subprocess.run(
-        f"{command} | head -n 1", shell=True, capture_output=True, text=True, cwd=folder
+        f"{command} | head -n 1",
+        shell=True,
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        timeout=DEADLINE_S,
     )
     assert done.stdout == "{\n"
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments",
     ["--help", "--version", "schema", "devices", "simulate --help", "study --help", "init new",
@@ -156,18 +170,29 @@ def test_a_reader_that_stops_listening_is_no_error(folder):
 def test_standard_output_that_is_full_is_said(folder, arguments):
     command = " ".join(f"'{word}'" for word in [*PROGRAM, *arguments.split()])
     done = subprocess.run(
-        f"{command} > /dev/full", shell=True, capture_output=True, text=True, cwd=folder
+        f"{command} > /dev/full",
+        shell=True,
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        timeout=DEADLINE_S,
     )
     assert done.returncode == 1
     assert done.stderr.startswith("error: standard output cannot be written: No space left")
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments", ["--help", "devices", "study height s.toml"])
 def test_a_reader_that_never_listened_is_no_error(folder, arguments):
     command = " ".join(f"'{word}'" for word in [*PROGRAM, *arguments.split()])
     done = subprocess.run(
-        f"{command} | exec 0<&-", shell=True, capture_output=True, text=True, cwd=folder
+        f"{command} | exec 0<&-",
+        shell=True,
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        timeout=DEADLINE_S,
     )
     assert (done.stdout, done.stderr) == ("", "")
 
@@ -493,6 +518,7 @@ def test_memory_that_runs_out_is_said_with_what_to_do(gpuspec_, monkeypatch):
     assert not Path("run").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["two words é 光", "[/b] [red]odd[/] :smile:", "-- dash"])
 def test_names_are_taken_and_shown_as_they_are(gpuspec_, name):
     station, output = Path(f"{name.replace('/', '')}.toml"), Path(f"out {name.replace('/', '')}")
@@ -526,9 +552,10 @@ def test_a_name_that_the_terminal_cannot_show_ends_no_run(folder):
 
 
 @pytest.fixture
-def no_platform() -> dict[str, str]:
+def no_platform(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """An environment in which the OpenCL loader finds no platform, the pip-installed ones too."""
-    return {"OCL_ICD_VENDORS": "/nonexistent", "OPENCL_VENDOR_PATH": "/nonexistent"}
+    empty = str(tmp_path_factory.mktemp("empty"))
+    return {"OCL_ICD_VENDORS": empty, "OPENCL_VENDOR_PATH": empty}
 
 
 def test_without_an_opencl_platform_it_is_said_what_to_install(folder, no_platform):
@@ -546,6 +573,7 @@ def test_without_an_opencl_platform_auto_goes_on_and_says_so(folder, no_platform
     assert f"{taken} on " in ran.out
 
 
+@pytest.mark.slow
 def test_devices_shows_why_a_backend_is_absent(folder, no_platform):
     ran = program("devices", cwd=folder, env={**no_platform, "COLUMNS": "300"})
     assert ran.code == 0
@@ -587,6 +615,7 @@ def test_a_device_that_fails_is_said_in_a_sentence(gpuspec_, monkeypatch):
 # ----------------------------------------------------------------------------------- interrupted
 
 
+@pytest.mark.slow
 def test_a_long_calculation_is_stopped_within_seconds(folder):
     images = ("--set", "sequence.images=100000", "--set", "sensor.noise=true")
     process = subprocess.Popen(
@@ -602,6 +631,7 @@ def test_a_long_calculation_is_stopped_within_seconds(folder):
     assert hidden(folder) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("largest", "backend"), [(4_000, "numpy"), (60_000, "numpy")])
 def test_a_full_disk_leaves_an_earlier_run_whole(folder, largest, backend):
     # A process may write no file larger than this; below, tables fail; above, pictures do.
@@ -639,7 +669,7 @@ def long_run(folder: Path) -> Iterator[Callable[[str], subprocess.Popen[str]]]:
         given_up = time.monotonic() + 120
         # Two images of 600 x 300 pixels: by then its kernels are built, too.
         while not any(p.stat().st_size > 360_000 for p in folder.rglob(".gpuspec-*/frames.tif")):
-            assert process.poll() is None, process.communicate()
+            assert process.poll() is None, process.communicate(timeout=DEADLINE_S)
             assert time.monotonic() < given_up, "nothing was written"
             time.sleep(0.01)
         return process
@@ -647,9 +677,10 @@ def long_run(folder: Path) -> Iterator[Callable[[str], subprocess.Popen[str]]]:
     yield start
     for process in started:
         process.kill()
-        process.communicate()
+        process.communicate(timeout=DEADLINE_S)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "backend"), [(signal.SIGINT, "opencl"), (signal.SIGTERM, "numpy")]
 )
@@ -667,12 +698,13 @@ def test_a_stopped_run_leaves_nothing_behind(folder, long_run, number, backend):
     assert not hidden(folder)
 
 
+@pytest.mark.slow
 def test_a_killed_run_leaves_results_whole_and_the_next_run_tidies_up(folder, long_run, gpuspec_):
     before = content(folder)
     process = long_run("numpy")
     (partial,) = hidden(folder)
     process.kill()
-    process.communicate()
+    process.communicate(timeout=DEADLINE_S)
     assert partial.exists()
     assert {k: v for k, v in content(folder).items() if ".gpuspec-" not in k} == before
     assert gpuspec_("simulate", "s.toml", "--no-pictures", "--backend", "numpy").code == 0
@@ -680,6 +712,7 @@ def test_a_killed_run_leaves_results_whole_and_the_next_run_tidies_up(folder, lo
     assert Station.read("run/station.toml").sequence.images == 5
 
 
+@pytest.mark.slow
 def test_a_run_leaves_another_that_is_still_running_alone(folder, long_run, gpuspec_):
     process = long_run("numpy")
     (partial,) = hidden(folder)

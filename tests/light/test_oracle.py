@@ -236,6 +236,7 @@ def test_point_sampled_pixels_give_no_contrast() -> None:
     np.testing.assert_allclose(mean, 4 / 16, atol=EXACT)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("exposure", "images"), [(1.0, 40), (0.5, 16)])
 def test_an_unsaturated_sequence_gives_no_contrast(exposure: float, images: int) -> None:
     scene = Scene(pupil_mm=3.0, exposure=exposure, images=images, grooves=(DENT, SCRATCH))
@@ -243,6 +244,7 @@ def test_an_unsaturated_sequence_gives_no_contrast(exposure: float, images: int)
     np.testing.assert_allclose(aspect, exposure * 63.75, atol=EXACT)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("pupil", "sigma", "depth", "exposure", "median", "maximum"),
     [
@@ -263,6 +265,7 @@ def test_the_check_scene_has_the_values_of_the_model(
     assert aspect.max() == pytest.approx(maximum, abs=MAXIMUM_DN)
 
 
+@pytest.mark.slow
 def test_more_rays_converge() -> None:
     scene = Scene(rows=16, columns=16, pupil_mm=3.0, grooves=(DENT,))
     finest = oracle.aspect_image(scene, rays=16384, seed=1)
@@ -274,6 +277,7 @@ def test_more_rays_converge() -> None:
     assert rms[2] < RAYS_RMS_DN
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("depth", [-0.010, 0.010], ids=["dent", "bump"])
 def test_a_mirrored_defect_gives_the_mirrored_image(depth: float) -> None:
     def at(x: float, y: float) -> Scene:

@@ -497,6 +497,7 @@ def test_a_file_without_unit_is_refused(folder):
     assert "defects[2].pitch_um" in told
 
 
+@pytest.mark.slow
 def test_unknown_formats_and_damaged_files_are_refused_in_silence(folder, capfd):
     whole = (folder / "x.sur").read_bytes()
     random = np.random.default_rng(3)
@@ -746,6 +747,7 @@ def test_arrays_that_are_no_map_of_heights_are_refused(tmp_path, values, why):
     assert why in rejected(plain_station(tmp_path, "x.npy"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["x.npy", "x.tif", "x.txt"])
 def test_a_damaged_matrix_is_refused_in_a_sentence(tmp_path, name, capfd):
     for content in (b"", b"\x93NUMPY\x01\x00", b"II*\0\x08\0\0\0", bytes(range(256)), b"1 2\n3"):

@@ -142,6 +142,7 @@ def colour_at(figure: Figure, result: Result, x_mm: float, y_mm: float) -> np.nd
     return image[row - 1 : row + 2, column - 1 : column + 2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("draw", FIGURES, ids=lambda draw: draw.__name__)
 def test_every_picture_of_every_station_is_legible_and_without_a_warning(
     draw, result: Result
@@ -156,6 +157,7 @@ def test_every_picture_of_every_station_is_legible_and_without_a_warning(
     check_legible(figure)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("draw", [aspect_picture, detection_picture, lost_picture, sequence_strip])
 @pytest.mark.parametrize("part", [(5.0, 300.0), (300.0, 5.0), (24.0, 8.0)], ids=str)
 def test_a_part_of_any_proportions_is_drawn_to_scale(draw, part) -> None:
@@ -394,6 +396,7 @@ def test_the_animation_shows_the_image_in_grey(reduced: Result) -> None:
     np.testing.assert_allclose(shown[inner], mean[inner], atol=4.5)
 
 
+@pytest.mark.slow
 def test_every_file_of_a_run_is_written(reduced: Result, tmp_path) -> None:
     for name, write in PICTURES.items():
         write(reduced, tmp_path / name)

@@ -197,6 +197,7 @@ def test_the_station_is_kept_with_every_default(result, written):
     assert "roughness_rad = 0.0" in (written / "station.toml").read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_a_moved_run_runs_again_without_what_it_was_made_from(tmp_path, monkeypatch):
     home = tmp_path / "my stations"
     home.mkdir()
@@ -251,6 +252,7 @@ def test_the_animation_moves(written):
         assert not np.array_equal(first, np.asarray(picture.convert("L")))
 
 
+@pytest.mark.slow
 def test_a_folder_never_mixes_two_runs(result, tmp_path):
     write(result, tmp_path, frames=True)
     write(result, tmp_path, frames=False, pictures=False)
@@ -417,6 +419,7 @@ def test_force_replaces_what_is_in_the_way_and_deletes_nothing(result, tmp_path)
     assert Station.read(tmp_path / "station.toml").as_dict() == result.station.as_dict()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["station.toml", "aspect.png"])
 def test_what_was_changed_since_the_run_is_the_users(result, tmp_path, name):
     write(result, tmp_path)
@@ -531,6 +534,7 @@ def process(folder: Path, *arguments: object) -> subprocess.Popen[bytes]:
     return subprocess.Popen(command, cwd=folder)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moves", range(1, 7))
 def test_a_run_killed_while_its_files_move_is_known_to_the_next(tmp_path, moves):
     assert process(tmp_path, "a b c d", "old", 0).wait(60) == 0
@@ -540,6 +544,7 @@ def test_a_run_killed_while_its_files_move_is_known_to_the_next(tmp_path, moves)
     assert not hidden(tmp_path)
 
 
+@pytest.mark.slow
 def test_two_runs_that_end_at_once_are_not_mixed(tmp_path):
     both = [process(tmp_path, " ".join(FILES), word, 0) for word in "ab"]
     assert [one.wait(60) for one in both] == [0, 0]

@@ -310,6 +310,7 @@ def test_keys_without_effect_have_none(opencl):
         assert key in " ".join(cautions.without_effect(changed))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("more", [{}, {"defects": []}], ids=str)
 def test_where_nothing_is_detected_every_line_says_so_in_place(tmp_path, more: dict[str, Any]):
     above = one_dent(**{"segmentation.threshold": 200.0, "camera.sampling_mm": 0.2, **more})

@@ -442,6 +442,7 @@ FILES = TABLES | st.fixed_dictionaries(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
 @given(FILES)
 def test_anything_toml_can_hold_is_a_station_or_a_station_error(data: dict[str, Any]):
@@ -680,6 +681,7 @@ def test_every_length_in_the_schema_carries_its_unit():
                 assert key.endswith(units) or key in bare, key
 
 
+@pytest.mark.slow
 @settings(max_examples=50, deadline=None, suppress_health_check=list(HealthCheck))
 @given(STATIONS)
 def test_the_schema_knows_every_key_of_a_station(data: dict[str, Any]):

@@ -209,6 +209,7 @@ def test_a_transition_lies_where_the_light_changes(backend):
     assert np.isin(np.round(share[distance > half + DISTANCE_MM], 3), (0, 1)).all()
 
 
+@pytest.mark.slow
 def test_on_a_flat_part_the_distances_keep_one_scale(backend):
     station = example("trim").replace(**{"camera.sampling_mm": 0.5})
     outcome = coverage.study(station, backend=backend)
@@ -292,6 +293,7 @@ def tolerated(populated) -> tolerance.Tolerance:
     return tolerance.study(populated, steps=3, offset_mm=0.5, height_mm=3.0, backend="numpy")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(12.0, 6.0), (5.0, 150.0), (150.0, 5.0)], ids=str)
 def test_every_study_s_picture_is_legible_whatever_the_part(small, size):
     station = small.replace(
@@ -428,6 +430,7 @@ def test_a_tolerance_that_says_nothing_is_refused(small, changes, options, why):
 # -------------------------------------------------------------------------------------- commands
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STUDIES)
 def test_a_study_writes_its_figure_and_its_table(gpuspec_, name):
     ran = gpuspec_("study", name, "s.toml", *(["--steps", 3] if name == "tolerance" else []))
@@ -449,6 +452,7 @@ def test_a_study_writes_its_figure_and_its_table(gpuspec_, name):
     assert not hidden(Path())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["signature", "height", "coverage", "tolerance"])
 def test_a_study_tells_what_is_wrong_with_its_station(gpuspec_, name):
     steps = ["--steps", 3] if name == "tolerance" else []
@@ -464,6 +468,7 @@ def test_a_study_tells_what_is_wrong_with_its_station(gpuspec_, name):
     assert len(notes) == len(said)
 
 
+@pytest.mark.slow
 def test_figure_7_needs_no_station(gpuspec_):
     ran = gpuspec_("study", "signature", "-o", "out", "--backend", "numpy")
     assert ran.code == 0
@@ -478,6 +483,7 @@ def results() -> dict[str, bytes]:
     return found
 
 
+@pytest.mark.slow
 def test_studies_share_a_folder_and_replace_only_their_own(gpuspec_):
     assert gpuspec_("simulate", "s.toml", "--no-pictures", "-o", "all").code == 0
     before = results()
@@ -488,6 +494,7 @@ def test_studies_share_a_folder_and_replace_only_their_own(gpuspec_):
     assert all(after[name] == before[name] for name in before)
 
 
+@pytest.mark.slow
 def test_a_study_keeps_the_users_files(gpuspec_, monkeypatch):
     Path("study").mkdir()
     Path("study/coverage.csv").write_text("mine", encoding="utf-8")
@@ -505,6 +512,7 @@ def test_a_study_keeps_the_users_files(gpuspec_, monkeypatch):
     assert gpuspec_("study", "coverage", "s.toml").code == 0
 
 
+@pytest.mark.slow
 def test_an_outcome_is_written_by_the_same_rules(small, tmp_path):
     found = height.study(small)
     found.write(tmp_path)
@@ -517,6 +525,7 @@ def test_an_outcome_is_written_by_the_same_rules(small, tmp_path):
         found.write("")
 
 
+@pytest.mark.slow
 def test_a_study_takes_a_dent_and_changes(gpuspec_):
     dent = ("--diameter-mm", 1.0, "--depth-um", 10)
     for name in ("signature", "height", "coverage"):

@@ -313,6 +313,7 @@ def pictures(run: RunFolder, rule: Rule) -> dict[str, Figure]:
     return made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rule", RULES, ids=str)
 @pytest.mark.parametrize("name", ["exact", "screened", "single", "axis", "even", "wide", "five"])
 def test_every_picture_of_a_sweep_is_legible(
@@ -329,6 +330,7 @@ def test_a_picture_of_scores_says_which_way_is_good(swept: dict[str, RunFolder])
         assert BEST in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lowest", [0.0, 0.5, 0.89, 0.996, 1.0])
 def test_a_map_of_nearly_equal_designs_is_of_one_colour(
     swept: dict[str, RunFolder], lowest: float, monkeypatch: pytest.MonkeyPatch
@@ -397,6 +399,7 @@ def test_a_value_is_written_without_an_exponent_where_it_can(value: float, text:
     assert number(value) == text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("columns", [40, 60, 80])
 @pytest.mark.parametrize("name", ["exact", "wide", "five"])
 def test_front_breaks_no_number_on_a_narrow_terminal(
@@ -460,6 +463,7 @@ def test_a_table_of_before_there_were_notes_is_chosen_from(swept, monkeypatch) -
     assert replace(choice).notes == []
 
 
+@pytest.mark.slow
 def test_front_writes_what_it_chose_and_simulate_reproduces_it(
     gpuspec_: Command, swept: dict[str, RunFolder]
 ) -> None:
@@ -509,6 +513,7 @@ def test_front_writes_the_whole_front(gpuspec_: Command, swept: dict[str, RunFol
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["single", "axis", "even", "invalid", "parts"])
 def test_front_draws_whatever_was_swept(
     gpuspec_: Command, swept: dict[str, RunFolder], name: str
@@ -562,6 +567,7 @@ def test_front_says_how_many_defects_no_image_has(tmp_path: Path, opencl: OpenCL
     assert told[0].startswith("1 of 2 defects")
 
 
+@pytest.mark.slow
 def test_front_of_an_unfinished_sweep_says_what_is_missing(
     gpuspec_: Command, swept: dict[str, RunFolder]
 ) -> None:

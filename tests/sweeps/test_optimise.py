@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commandline import STATION, content, said
+from commandline import DEADLINE_S, STATION, content, said
 from legible import check_legible, drawn_texts
 
 from gpuspec.errors import OutputError, StationError
@@ -239,6 +239,7 @@ def test_the_sampler_is_told_p1_and_p2_of_every_trial(plan, tmp_path, opencl):
     assert any(trial.user_attrs["p1"] != trial.user_attrs["p2"] for trial in told)
 
 
+@pytest.mark.slow
 def test_it_finds_the_top_of_a_known_smooth_hill_in_a_hundredth_of_a_grid(plan):
     # The search alone, on a score of which the optimum is known; no claim about stations.
     top, reached = {"tunnel.luminous_mm": 3.1, "tunnel.dark_mm": 17.0, "sequence.images": 23}, 0
@@ -261,6 +262,7 @@ def test_it_finds_the_top_of_a_known_smooth_hill_in_a_hundredth_of_a_grid(plan):
     assert reached >= 15  # measured: 18
 
 
+@pytest.mark.slow
 def test_it_finds_the_known_optimum_of_a_station_in_a_hundredth_of_its_grid(opencl):
     """More electrons, more images, less read noise and no leak are better, with noise in between.
 
@@ -302,7 +304,10 @@ def test_it_finds_the_known_optimum_of_a_station_in_a_hundredth_of_its_grid(open
 
 def test_the_command_line_starts_without_optuna():
     code = "import sys; sys.modules['optuna'] = None; import gpuspec.cli.optimise"
-    assert subprocess.run([sys.executable, "-c", code], cwd=Path.cwd()).returncode == 0
+    assert (
+        subprocess.run([sys.executable, "-c", code], cwd=Path.cwd(), timeout=DEADLINE_S).returncode
+        == 0
+    )
 
 
 def test_a_search_keeps_the_users_files(gpuspec_, monkeypatch):

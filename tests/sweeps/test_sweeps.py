@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import resource
 import signal
 import subprocess
@@ -18,7 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import tolerances
-from commandline import PROGRAM, Command, content, program, said
+from commandline import DEADLINE_S, PROGRAM, Command, content, program, said
 from scipy.stats import binom
 from tolerances import RISK
 
@@ -165,6 +164,7 @@ def test_parts_differ_in_every_seed_and_the_first_is_the_stations_own(station):
     assert other.defects == station.defects
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "given", "words"),
     [
@@ -338,6 +338,7 @@ def test_a_part_that_does_not_fit_is_a_reason(station, opencl, tmp_path):
 # -------------------------------------------------------------------------------------- screening
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("parts", [1, 2])
 def test_screening_ends_in_the_front_of_the_exhaustive_sweep(station, opencl, tmp_path, parts):
     """Few strata, so that bounds are wide and many designs must be made exact."""
@@ -482,6 +483,7 @@ def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(RunFolder, "rows_per_file", 64)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", [0, 300])
 def test_a_sweep_stopped_anywhere_ends_with_the_same_table(
     station, opencl, tmp_path, samples, small_parts
@@ -521,6 +523,7 @@ def test_what_is_there_is_not_done_again(station, opencl, tmp_path, small_parts)
     assert all(after[name] == data for name, data in there.items())
 
 
+@pytest.mark.slow
 def test_a_killed_process_leaves_whole_files_and_is_gone_on_with(tmp_path, opencl):
     """kill -9 while it writes, again and again."""
     (tmp_path / "s.toml").write_text(gpuspec.station.toml.to_toml(Station.from_dict(STATION)))
@@ -534,7 +537,7 @@ def test_a_killed_process_leaves_whole_files_and_is_gone_on_with(tmp_path, openc
             time.sleep(0.005)
             files = len(list((tmp_path / "run").glob("designs/part-*.parquet")))
         process.send_signal(signal.SIGKILL)
-        process.wait()
+        process.wait(timeout=DEADLINE_S)
         assert process.returncode == -signal.SIGKILL
         for path in (tmp_path / "run").glob("designs/part-*.parquet"):
             assert len(pq.read_table(path)) == 512
@@ -547,13 +550,16 @@ def test_a_killed_process_leaves_whole_files_and_is_gone_on_with(tmp_path, openc
     assert run.table().equals(RunFolder.read(tmp_path / "run").table())
 
 
+@pytest.mark.slow
 def test_ctrl_c_says_that_the_same_command_goes_on(tmp_path):
     (tmp_path / "s.toml").write_text(gpuspec.station.toml.to_toml(Station.from_dict(STATION)))
     command = ["sweep", "s.toml", "-o", "run", "--vary", "tunnel.luminous_mm=0.5:6:100",
                "--vary", "sensor.exposure=1:8:400"]  # fmt: skip
     process = subprocess.Popen([*PROGRAM, *command], cwd=tmp_path, stderr=subprocess.PIPE,
                                stdout=subprocess.DEVNULL, text=True)  # fmt: skip
+    until = time.monotonic() + 60
     while not list((tmp_path / "run").glob("designs/part-*.parquet")) and process.poll() is None:
+        assert time.monotonic() < until, "nothing was written"
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
     _, error = process.communicate(timeout=30)
@@ -665,6 +671,7 @@ def spoilt(data: bytes, how: str) -> bytes:
     return data[:at] + bytes(255 - one for one in data[at : at + 2]) + data[at + 2 :]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", [0, 300])
 @pytest.mark.parametrize(
     "how", ["start", "first page", "middle", "last page", "footer", "end", "cut", "empty"]
@@ -830,6 +837,7 @@ def test_pandas_polars_and_duckdb_read_the_folder(station, opencl, tmp_path):
         assert kinds.field(name).type.list_size == 256
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_designs(tmp_path):
     """Ten times the designs, the same peak to within a tenth."""
     (tmp_path / "s.toml").write_text(gpuspec.station.toml.to_toml(Station.from_dict(STATION)))
@@ -844,7 +852,7 @@ def test_memory_does_not_grow_with_the_designs(tmp_path):
         done = subprocess.run(
             [PROGRAM[0], "-c", code, "sweep", "s.toml", "-o", f"run{count}", "--screen",
              "--vary", f"tunnel.luminous_mm=0.5:6:{count}", "--vary", "sensor.exposure=1:8:50"],
-            cwd=tmp_path, capture_output=True, text=True, check=True, env={**os.environ},
+            cwd=tmp_path, capture_output=True, text=True, check=True, timeout=DEADLINE_S,
         )  # fmt: skip
         peaks.append(int(done.stdout.split("peak ")[1]))
     assert peaks[1] < 1.1 * peaks[0]
@@ -937,6 +945,7 @@ def test_a_plan_tells_what_the_disk_cannot_hold(gpuspec_: Command):
     assert "note: 10,000,000,000 designs need about" in ran.out
 
 
+@pytest.mark.slow
 def test_the_command_says_which_files_it_sweeps_again(gpuspec_: Command):
     command = "sweep", "s.toml", "--vary", "tunnel.luminous_mm=1:4:4"
     assert gpuspec_(*command).code == 0
