@@ -204,6 +204,24 @@ def test_a_pixel_is_seen_if_any_sub_ray_is_else_lost_for_the_largest_reason(
     assert np.array_equal(backend.trace(station).lost(), want)
 
 
+def test_the_opening_is_cut_out_of_the_top_of_a_box_and_not_out_of_its_walls(backend):
+    station = Station.from_dict(
+        {
+            "part": {"length_mm": 20.0, "width_mm": 29.0},
+            "tunnel": {"section": "box", "height_mm": 100.0, "width_mm": 30.0,
+                       "opening_length_mm": 9.0, "opening_width_mm": 31.0},
+            "camera": {"height_mm": 800.0, "sampling_mm": 0.5},
+        }
+    )  # fmt: skip
+    rows, columns = station.shape
+    x = (np.arange(columns) + 0.5 - columns / 2)[None, :] * 0.5
+    y = (rows / 2 - np.arange(rows) - 0.5)[:, None] * 0.5
+    top = np.abs(y) * 1.125 <= 15.0  # beyond, the mirrored ray meets a wall below the top
+    under = np.abs(x) * 1.125 <= 4.5
+    assert (under & ~top).any()
+    assert np.array_equal(backend.trace(station).lost(), np.where(top & under, 4, 0))
+
+
 def test_a_lost_pixel_is_dark(backend):
     station = scene("short tunnel")
     light_map = backend.trace(station)
