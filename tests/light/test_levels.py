@@ -194,6 +194,8 @@ def test_only_keeps_the_valid_pixels_of_each_zone():
     valid = np.array([[True, False, True], [True, False, True]])
     assert zones.only(valid).sizes.tolist() == [1, 2, 0, 0]
     assert np.array_equal(zones.only(valid).pixels, Zones.of(truth, valid, 4).pixels)
+    again = zones.only(valid).only(np.array([[True, True, False], [False, True, True]]))
+    assert again.valid.tolist() == [[True, False, False], [False, False, True]]
 
 
 # ---------------------------------------------------------------------------------------- sampling

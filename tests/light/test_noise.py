@@ -453,6 +453,23 @@ def test_rows_wider_than_a_texture_wrap_and_change_no_bit(subsampling: int) -> N
                 np.testing.assert_array_equal(array, whole[name], err_msg=name)
 
 
+def test_a_pixel_has_no_dark_signal_below_zero(device_backend: Backend) -> None:
+    """DSNU wider than the dark signal is cut off there; what the light adds is not taken from."""
+    station = flat_field(
+        sensor__exposure=0.002, sensor__dark_e=10.0, sensor__dsnu_e=60.0,
+        sensor__read_noise_e=0.0, sensor__black_level_dn=100.0,
+    )  # fmt: skip
+    grey = device_backend.trace(station).image(1).astype(np.float64)
+    electrons = (grey - 100) / station.sensor.gain_dn_per_e
+    dark = 10 * norm.cdf(10 / 60) + 60 * norm.pdf(10 / 60)
+    square = (10**2 + 60**2) * norm.cdf(10 / 60) + 10 * 60 * norm.pdf(10 / 60)
+    step = 1 / station.sensor.gain_dn_per_e
+    variance = square - dark**2 + 20 + dark + step**2 / 12
+    assert abs(z_mean(electrons, 20 + dark, variance)) < tolerances.SIGMAS
+    share, _ = flips(grey, NumpyBackend().trace(station).image(1))
+    assert share <= tolerances.FLAT_FLIPS
+
+
 def flips(first: NDArray[Any], second: NDArray[Any]) -> tuple[float, float]:
     """Share of pixels that differ, and the largest difference in DN."""
     gap = np.abs(first.astype(np.float64) - second)

@@ -71,9 +71,9 @@ def test_a_device_and_the_reference_come_to_the_same_score(opencl, changes: dict
     near = np.abs(reference.aspect - reference.threshold) < THRESHOLD_DN
     flips = (device.labels > 0) != (reference.labels > 0)
     assert not (flips & ~near).any()
-    if not flips.any():
-        assert device.score == reference.score
-        assert np.array_equal(device.classes, reference.classes)
+    # No more pixels are counted otherwise than are detected otherwise: none, as a rule.
+    for name in ("hit_px", "false_px"):
+        assert abs(getattr(device.score, name) - getattr(reference.score, name)) <= flips.sum()
 
 
 def test_the_score_of_a_device_is_that_of_the_reference_field_by_field(opencl):

@@ -675,7 +675,9 @@ def test_a_front_keeps_the_users_files(gpuspec_: Command, swept: dict[str, RunFo
 def test_a_chosen_design_that_detects_nearly_everything_is_told_so(
     swept: dict[str, RunFolder],
 ) -> None:
-    chosen = (choose(swept[name], Rule(p2_floor=0.5)) for name in ("even", "exact", "five"))
+    chosen = [choose(swept[name], Rule(p2_floor=0.5)) for name in ("even", "exact", "five")]
+    told = {any("hit by chance" in note for note in choice.notes) for choice in chosen}
+    assert told == {True, False}
     for choice in chosen:
         best, station = choice.best, choice.station()
         score = gpuspec.simulate(station).score
