@@ -376,7 +376,7 @@ def test_the_command_writes_pictures_sequence_and_score(tmp_path):
 
 def test_the_printed_scores_are_those_that_are_written(gpuspec_: Command):
     Path("s.toml").write_text(STATION, encoding="utf-8")
-    ran = gpuspec_("prototype", "s.toml", "--pattern", "binary", "-o", "out")
+    ran = gpuspec_("prototype", "s.toml", "--pattern", "binary", "-o", "out", "--limit", 120)
     score = json.loads(Path("out/score.json").read_text("utf-8"))["score"]
     p1, p2 = f"{score['p1']:.3f}", f"{score['p2']:.3f}"
     assert p1 != p2

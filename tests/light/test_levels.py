@@ -9,7 +9,7 @@ from scenes import part_with
 from gpuspec.detection.score import score
 from gpuspec.detection.segmentation import segment
 from gpuspec.light.backend import Backend
-from gpuspec.light.levels import LEVELS, Levels, Zones, levels_of, levels_per_dn, thresholds
+from gpuspec.light.levels import LEVELS, Levels, Sample, Zones, levels_of, levels_per_dn, thresholds
 from gpuspec.light.opencl import OpenCLBackend
 from gpuspec.simulation.simulate import Traced, trace
 from gpuspec.station.station import Station
@@ -272,6 +272,30 @@ def test_bounds_hold_the_true_number_and_estimates_are_near(opencl):
         assert (curves.p1 <= curves.p1_high).all()
     assert outside <= 2 * risk * count
     assert np.abs(sums / 40 - true).max() < 0.02 * zones.valid.size
+
+
+def drawn_alone(strata: int, level: int, ceiling: int) -> tuple[Levels, TracedPart]:
+    """A part of which a sample was drawn that has one level throughout."""
+    found = Levels.empty(1, 1)
+    found.sampled[0, level], found.ceiling[0] = strata, ceiling
+    none, one = np.zeros(0, np.uint32), np.ones(1, np.float32)
+    sample = Sample(none, np.zeros(strata, np.uint32), 10, one, one)
+    zones = Zones(none, np.array([0, 0]), np.ones((1, 1), np.bool_))
+    return found, TracedPart(None, zones, sample)
+
+
+def test_the_strata_of_several_parts_are_bounded_together():
+    """30 and 50 strata, of which those of the second alone are above 100: 50 of 80 drawn."""
+    drawn = [drawn_alone(30, 100, 150), drawn_alone(50, 200, 220)]
+    curves = Curves.of([levels for levels, _ in drawn], [part for _, part in drawn], 0.01)
+    bounds, fifty = Bounds(80, 10, 0.01), np.array([50])
+    assert curves.false_px.sum(axis=0)[0, [50, 150, 210]].tolist() == [800, 500, 0]
+    assert curves.false_low[0, 150] == bounds.low(fifty)[0]
+    assert curves.false_high[0, 150] == bounds.high(fifty)[0]
+    # From the higher of both ceilings on nothing that was not drawn is detected, below it may be.
+    assert curves.false_high[0, 219] > 0
+    assert (curves.false_high[0, 220:] == 0).all()
+    assert not curves.exact[0]
 
 
 def test_the_interval_is_that_of_clopper_and_pearson():
