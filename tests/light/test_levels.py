@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scenes import part_with
+from scipy.stats import chi2
+from tolerances import FLOAT_ROUNDING, P_VALUE
 
 from gpuspec.detection.score import score
 from gpuspec.detection.segmentation import segment
 from gpuspec.light.backend import Backend
 from gpuspec.light.levels import LEVELS, Levels, Sample, Zones, levels_of, levels_per_dn, thresholds
+from gpuspec.light.light_map import LightMapArrays
 from gpuspec.light.opencl import OpenCLBackend
 from gpuspec.simulation.simulate import Traced, trace
 from gpuspec.station.station import Station
@@ -305,6 +308,89 @@ def test_the_interval_is_that_of_clopper_and_pearson():
     assert bounds.low(x) / 200 == pytest.approx([0, 0.0866, 0.8316], abs=1e-4)
     assert bounds.high(x)[:2] / 200 == pytest.approx([0.1684, 0.4910], abs=1e-4)
     assert bounds.high(x)[2] == 200
+
+
+def test_what_is_drawn_is_detected_for_certain_and_what_is_not_is_not():
+    """Strata of one pixel are no sample: the number is known. The last one is all drawn but one."""
+    x = np.arange(21)
+    assert Bounds(20, 1, 0.01).low(x).tolist() == x.tolist()
+    assert Bounds(20, 1, 0.01).high(x).tolist() == x.tolist()
+    two = Bounds(20, 2, 1e-9)
+    assert (two.low(x) >= x).all()
+    assert (two.high(x) <= 40 - (20 - x)).all()
+    assert two.low(x)[1] == 1
+    assert two.high(x)[19] == 39
+
+
+def made_up(rows: int, columns: int, seed: int = 0) -> tuple[Zones, LightMapArrays]:
+    """An image with one zone of a few pixels, of which every footprint and irradiance differs."""
+    random = np.random.default_rng(seed)
+    truth = np.zeros((rows, columns), np.int32)
+    truth[20:24, 30:35] = 1
+    footprint = random.uniform(0.2, 2.0, (1, rows, columns)).astype(np.float32)
+    irradiance = random.uniform(0.1, 1.0, (1, rows, columns)).astype(np.float32)
+    lost = np.zeros((rows, columns), np.uint8)
+    zones = Zones.of(truth, np.ones(truth.shape, np.bool_), 1)
+    return zones, LightMapArrays(footprint.copy(), footprint, irradiance, lost)
+
+
+def test_pixels_next_to_a_zone_and_those_that_are_no_flawless_ones_stand_for_themselves():
+    zones, arrays = made_up(90, 80)
+    flawless = arrays.footprint_mm[0].copy()
+    flawless[50, 60] *= 1.01
+    drawn = draw(zones, arrays, flawless, 700, 0)
+    assert drawn is not None
+    near = np.zeros((90, 80), np.bool_)
+    near.flat[drawn.near] = True
+    wanted = np.zeros((90, 80), np.bool_)
+    wanted[18:26, 28:37] = True  # two pixels around
+    wanted[20:24, 30:35] = False
+    wanted[50, 60] = True
+    assert near[wanted].all()
+    assert not near[20:24, 30:35].any()
+    # The rest are fewer than a stratum's pixels: those left over after the last.
+    assert np.count_nonzero(near & ~wanted) < drawn.weight
+
+
+def test_one_pixel_of_each_stratum_is_drawn_and_each_as_often():
+    """Chi-square over 60 seeds; another seed draws others, the same seed the same."""
+    zones, arrays = made_up(90, 80)
+    flawless = arrays.footprint_mm[0]
+    counts = np.zeros(10)
+    for seed in range(60):
+        drawn = draw(zones, arrays, flawless, 720, seed)
+        assert drawn is not None
+        assert drawn.weight == 10
+        every = np.ones(90 * 80, np.bool_)
+        every[zones.pixels] = False
+        every[18 * 80 : 26 * 80] &= np.tile((np.arange(80) < 28) | (np.arange(80) > 36), 8)
+        place = np.searchsorted(np.flatnonzero(every), drawn.chosen)
+        assert np.array_equal(place // 10, np.arange(len(place)))
+        counts += np.bincount(place % 10, minlength=10)
+        again = draw(zones, arrays, flawless, 720, seed)
+        assert again is not None
+        assert np.array_equal(again.chosen, drawn.chosen)
+    assert chi2.sf(((counts - counts.mean()) ** 2 / counts.mean()).sum(), 9) > P_VALUE
+
+
+def test_a_region_s_bound_is_above_every_pixel_s_exposure():
+    """q(w) w rises with w: an exposure V q(w) is not above V1 q(w1) if w <= w1, V / w <= V1 / w1.
+
+    Footprints of a region differ by ten to one here, those of a real part by much less.
+    """
+    zones, arrays = made_up(100, 70)
+    drawn = draw(zones, arrays, arrays.footprint_mm[0], 700, 0)
+    assert drawn is not None
+    assert len(drawn.footprint_mm) == 4  # regions of 64 x 64 pixels
+    corners = ((0, 0), (0, 64), (64, 0), (64, 64))
+    for (row, column), w1, v1 in zip(corners, drawn.footprint_mm, drawn.irradiance, strict=True):
+        region = np.s_[0, row : row + 64, column : column + 64]
+        rest = np.ones((100, 70), np.bool_)
+        rest[18:26, 28:37] = False
+        kept = rest[region[1:]]
+        w, v = arrays.footprint_mm[region][kept], arrays.irradiance[region][kept]
+        assert w1 >= w.max()
+        assert v1 / w1 >= (v / w).max() * (1 - FLOAT_ROUNDING * 4)
 
 
 def test_a_part_all_of_zones_has_no_sample(opencl):

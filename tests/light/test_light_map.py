@@ -83,7 +83,7 @@ def test_a_device_agrees_with_the_float64_reference(device_backend: Backend, nam
 
 
 @pytest.mark.parametrize("images", [1, 5, 40, 77, 400])
-@pytest.mark.parametrize("leak", [0.0, 0.3])
+@pytest.mark.parametrize("leak", [0.0, 0.1, 0.3])
 def test_the_closed_form_is_the_mean_of_the_images(backend, images, leak):
     station = check_station(sequence__images=images, tunnel__dark_leak=leak)
     light_map = backend.trace(station)
