@@ -237,3 +237,48 @@ designs: none of 300 (bounds of neighbouring thresholds go together); at a confi
 RISK = 1e-6
 """Relative: chance of a bound to be wrong against its share; measured 1e-9 (the inverse of the
 distribution function in float64)."""
+
+# ------------------------------------------------------------------------- measured topographies
+
+MAP_PITCH = 2e-7
+"""Relative: pitches, and sizes and places from them, as files hold them in float32; measured
+8.2e-8."""
+
+MAP_SLOPE = 5e-7
+"""Slopes of the float32 spline against float64: heights of 1 um are rounded to 6e-8 of themselves
+over a pitch of 4 um; measured 2.3e-7."""
+
+MAP_SEEN_MM = 3e-4
+"""mm: the same as light coordinate, of a swing of 31 mm; measured 1.0e-4."""
+
+MAP_LIGHT_MM = 5e-4
+"""mm: light coordinate of a pit sampled at a tenth of its sigma against the dent's formula, of a
+swing of 9.7 mm; measured 1.5e-4."""
+
+MAP_FOOTPRINT = 5e-3
+"""Of the largest footprint: the same, by the cubic spline's curvature; measured 2.6e-3."""
+
+MAP_SMOOTHED_MM = 1e-6
+"""mm: the Gaussian on the grid against the true one, of a pit of 1 um; measured 6.5e-7."""
+
+MAP_SOLVED_MM = 1e-15
+"""mm: a spline through heights of 0.01 mm, a plane fitted and a hole of a saddle filled, in float64;
+measured 1.1e-17."""
+
+MAP_SLOPE_DIFFERENCE = 1e-8
+"""Central differences over 2e-6 mm of heights of 0.01 mm in float64; measured 7.6e-10."""
+
+MAP_CURVE_DIFFERENCE = 1e-6
+"""1/mm: the same of slopes; measured 9.8e-8."""
+
+MAP_TILT = 2e-9
+"""Slope of a tilted plane whose heights are rounded to 1e-8 mm; measured 1.6e-10."""
+
+MAP_TILT_SEEN_MM = 1e-4
+"""mm: its light coordinate, moved by 0.48 mm, in float32; measured 1.2e-5."""
+
+MAP_FILLED_MM = 1e-6
+"""mm: a hole of 3 x 3 points in a wavy surface of 2e-5 mm, filled; measured 3.1e-7."""
+
+MAP_RECORD_PX = 1e-5
+"""px: a map's corner 100 px from the origin, of a pitch in float32; measured 2.8e-6."""

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from maps import grid, pit, write_sur
 from scenes import part_with
-from test_topography import grid, pit, write_sur
 from tolerances import SEEN_POINT_MM, ZONE_AREA
 
 from gpuspec.part.relief import Relief

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 import tifffile
 from commandline import names
+from maps import polished, write_sur
 from PIL import Image
-from test_topography import polished, write_sur
 
 import gpuspec
 from gpuspec import files
