@@ -7,7 +7,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scenes import check_station
-from tolerances import EQUAL_MEAN_DN, POINT_SAMPLED_DN, SIGNATURE_WIDTH, SYMMETRY_MM
+from tolerances import (
+    EQUAL_MEAN_DN,
+    HANDBOOK_PERCENT,
+    POINT_SAMPLED_DN,
+    SIGNATURE_WIDTH,
+    SYMMETRY_MM,
+)
 
 from gpuspec.light.backend import Backend
 from gpuspec.simulation.simulate import simulate
@@ -124,3 +130,15 @@ def test_nothing_is_detected_on_a_flawless_part(opencl: Backend, data):
     assert len(result.blobs) == 0
     assert result.score.p1 == 1
     assert result.score.p2 is None
+
+
+@pytest.mark.parametrize(
+    ("material", "percent"),
+    [("ideal", 100), ("aluminium", 92), ("silver", 98), ("gold", 79), ("copper", 63),
+     ("chromium", 56), ("nickel", 64), ("iron", 52), ("lacquer", 4)],
+)  # fmt: skip
+def test_metals_reflect_what_handbooks_say(backend, material: str, percent: float):
+    """Straight down, near 550 nm: R = ((n - 1)^2 + k^2) / ((n + 1)^2 + k^2), in percent."""
+    station = check_station(part__material=material, camera__sampling_mm=0.001)
+    seen = backend.trace(station).read().irradiance[0]
+    assert 100 * seen.mean() == pytest.approx(percent, abs=HANDBOOK_PERCENT)

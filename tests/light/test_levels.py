@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scenes import part_with
-from scipy.stats import chi2
-from tolerances import FLOAT_ROUNDING, P_VALUE
+from scipy.stats import beta, chi2
+from tolerances import BOUND, BOUND_STEP, FLOAT_ROUNDING, P_VALUE
 
 from gpuspec.detection.score import score
 from gpuspec.detection.segmentation import segment
@@ -308,6 +308,23 @@ def test_the_interval_is_that_of_clopper_and_pearson():
     assert bounds.low(x) / 200 == pytest.approx([0, 0.0866, 0.8316], abs=1e-4)
     assert bounds.high(x)[:2] / 200 == pytest.approx([0.1684, 0.4910], abs=1e-4)
     assert bounds.high(x)[2] == 200
+
+
+def test_between_worked_out_numbers_the_bounds_are_those_further_out():
+    """Of 5,000 strata not every interval is worked out: against scipy's, number by number."""
+    strata, x, risk = 5000, np.arange(5001), 1e-4
+    low, high = np.zeros(5001), np.ones(5001)
+    low[1:] = beta.ppf(risk, x[1:], strata - x[1:] + 1)
+    high[:-1] = beta.isf(risk, x[:-1] + 1, strata - x[:-1])
+    bounds = Bounds(strata, 1000, risk)
+    found_low, found_high = bounds.low(x) / (strata * 1000), bounds.high(x) / (strata * 1000)
+    # What is drawn is certain, and so is what is not.
+    low = np.maximum(low, x / (strata * 1000))
+    high = np.minimum(high, 1 - (strata - x) / (strata * 1000))
+    assert (found_low <= low * (1 + BOUND)).all()
+    assert (found_high >= high * (1 - BOUND)).all()
+    assert np.abs(found_low - low).max() < BOUND_STEP
+    assert np.abs(found_high - high).max() < BOUND_STEP
 
 
 def test_what_is_drawn_is_detected_for_certain_and_what_is_not_is_not():

@@ -237,6 +237,7 @@ ANOTHER_GEOMETRY: dict[str, tuple[dict[str, Any], str]] = {
     "image": ({"camera.columns": 30}, "camera.columns is 30 and was 32"),
     "part": ({"part.material": "gold"}, "part.material is gold and was ideal"),
     "defects": ({"defects[1].depth_um": 9.0}, "its defects are others than those traced"),
+    "populations": ({"populations": POPULATIONS[:1]}, "its populations are others than those"),
 }
 
 

@@ -435,6 +435,58 @@ def test_records_and_coefficients_of_several_maps_follow_one_another(folder):
     assert coefficients(()).shape == (0,)
 
 
+def test_smoothing_is_as_wide_along_x_as_along_y_whatever_the_pitches(tmp_path):
+    x, _ = grid(120, 200)
+    _, y = grid(120, 200, 0.002)
+    write_sur(tmp_path / "x.sur", pit(x, y, (0, 0), 0.03, 1.0), pitch_mm=(0.004, 0.002))
+    (m,) = read_maps(relief_station(tmp_path, form_removed="none", smoothing_um=20.0))
+    wide = np.hypot(0.03, 0.02)
+    expected = pit(x, y, (0, 0), wide, (0.03 / wide) ** 2)
+    np.testing.assert_allclose(m.relief_mm[::-1], expected, atol=MAP_SMOOTHED_MM)
+
+
+def test_a_map_ends_half_a_pitch_beyond_its_points_on_every_device(tmp_path, device_backend):
+    """A tilt seen by pixels a quarter of the pitch wide is a tilt up to the part's edge."""
+    x, _ = grid(30, 25)
+    write_sur(tmp_path / "x.sur", 3e-3 * x)
+    tilted = relief_station(tmp_path, (0.12, 0.1), form_removed="none")
+    tilted = tilted.replace(camera__sampling_mm=0.001)
+    light, flat = (
+        device_backend.trace(station).read().light_mm[0]
+        for station in (tilted, tilted.replace(part__relief=None))
+    )
+    assert light.shape == (100, 120)
+    np.testing.assert_allclose(light - flat, -2 * 80 * 3e-3, atol=MAP_TILT_SEEN_MM)
+
+
+def test_what_stands_out_is_a_zone_as_what_is_sunk(tmp_path):
+    x, y = grid(120, 100)
+    write_sur(tmp_path / "x.sur", pit(x, y, (0.1, 0), 0.02, 1.0) - pit(x, y, (-0.1, 0), 0.02, 1.0))
+    (m,) = read_maps(relief_station(tmp_path, form_removed="none", zone_height_um=0.5))
+    zone = m.zone[::-1]
+    assert np.array_equal(zone, zone[:, ::-1])
+    assert zone[x > 0].any()
+
+
+def test_a_part_wider_than_its_map_along_one_side_alone_is_refused(folder):
+    for size, axis in (((0.5, 0.3), "x"), ((0.3, 0.5), "y")):
+        told = rejected(relief_station(folder, size))
+        assert f"mm along {axis};" in told
+        assert " and " not in told.partition("leave part")[0].partition("smaller")[2]
+
+
+def test_a_map_is_no_mirror_from_an_rms_slope_of_1_on(tmp_path):
+    x, _ = grid(120, 100)
+    wave = np.sin(2 * np.pi * x / 0.08)  # its rms slope is 2 pi / 0.08 / sqrt(2): 55.5
+    for slope in (0.9, 1.1):
+        write_sur(tmp_path / "x.sur", wave * slope / 55.54)
+        station = relief_station(tmp_path, form_removed="none")
+        if slope < 1:
+            read_maps(station)
+        else:
+            assert "has an rms slope of 1.09, more than 1: no mirror" in rejected(station)
+
+
 def test_a_part_may_be_as_large_as_its_map_but_not_larger(folder):
     read_maps(relief_station(folder, (0.48, 0.4)))
     read_maps(relief_station(folder, (0.4803, 0.3)))

@@ -204,6 +204,23 @@ def test_a_rule_asks_for_one_thing_after_another(
 
 
 @pytest.mark.parametrize(
+    ("share", "seen", "needed"),
+    [(0.5, 3, 2), (0.5, 4, 2), (0.34, 3, 2), (0.33, 3, 1), (0.7, 10, 7), (1.0, 7, 7), (0.0, 5, 0),
+     (0.001, 5, 1)],
+)  # fmt: skip
+def test_a_share_of_the_defects_is_whole_defects_rounded_up(
+    share: float, seen: int, needed: int
+) -> None:
+    rule = Rule(p2_floor=0.0, hit_share=share)
+    assert rule.required(seen) == needed
+    assert rule.fulfilled(1.0, 0.0, needed, seen)
+    assert not needed or not rule.fulfilled(1.0, 1.0, needed - 1, seen)
+    # Once enough are hit P1 decides, before that hits do.
+    p1, hits = np.array([0.9, 0.8, 0.7]), np.array([max(needed - 1, 0), needed, needed + 1])
+    assert rule.best(p1, p1, hits, seen) == (1 if needed else 0)
+
+
+@pytest.mark.parametrize(
     ("better", "worse"),
     [
         ((0.0, 0.0, 2), (1.0, 1.0, 1)),  # all defects are hit, whatever else is lost

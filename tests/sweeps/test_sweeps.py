@@ -111,6 +111,7 @@ def test_an_axis_takes_ranges_and_values_of_any_numeric_key(station, key, given,
         ("tunnel.dark_mm", "1:nan:3", "is not a range"),
         ("tunnel.dark_mm", "1:3:99999999999", "nothing could hold a sweep of them"),
         ("tunnel.dark_mm", "1:3:1", "asks for 1 value from 1 to 3"),
+        ("tunnel.dark_mm", "3:3:4", "asks for 4 values from 3 to 3"),
         ("tunnel.dark_mm", [], "the list of values is empty"),
         ("tunnel.dark_mm", "1,x", "is not a list of numbers"),
         ("tunnel.dark_mm", [1, True], "is not a list of numbers"),
@@ -450,6 +451,15 @@ def test_each_bound_of_a_sweep_has_its_share_of_a_risk_of_1_percent(opencl):
                 assert binom.cdf(drawn, STRATA, most / whole) == pytest.approx(share, rel=RISK)
                 looked_at += 1
     assert looked_at > 5 * TRIED
+
+
+def test_the_sample_of_every_part_is_drawn_anew(opencl):
+    """Parts that differ in their noise alone: the same strata, other pixels of them."""
+    noisy = Station.from_dict({**STATION, "populations": []}).replace(**{"sensor.noise": True})
+    _, parts = Parts(opencl, 3, 300).levels([noisy], sampled=True)
+    for one, other in combinations([part.sample for part in parts], 2):
+        assert np.array_equal(one.near, other.near)
+        assert (one.chosen != other.chosen).mean() > 0.8  # one of 40 pixels each
 
 
 def test_designs_without_a_closed_form_are_exact_under_screening(station, opencl, tmp_path):
