@@ -166,6 +166,25 @@ def test_parts_differ_in_every_seed_and_the_first_is_the_stations_own(station):
 
 
 @pytest.mark.slow
+def test_no_part_has_a_seed_of_another_s(station):
+    """Populations with seeds 1 and 2, and noise: none is that of another part one further."""
+    seeds = [p.seed for k in range(60) for p in with_part(station, k).populations]
+    noise = [with_part(station, k).sensor.seed for k in range(60)]
+    assert len(set(seeds)) == 2 * 60
+    assert len(set(noise)) == 60
+
+
+def test_noise_alone_makes_parts_different(station):
+    noisy = station.replace(populations=(), sensor__noise=True)
+    assert Plan.of(noisy, GRID, parts=3).parts == 3
+
+
+@pytest.mark.parametrize("own", [{"threshold": 80.0}, {"min_area_mm2": 0.1}], ids=str)
+def test_a_plan_leaves_out_the_station_s_own_threshold_and_size_filter(station, own):
+    plan = Plan.of(station.replace(segmentation=own), GRID)
+    assert plan.station.segmentation == station.segmentation
+
+
 @pytest.mark.parametrize(
     ("change", "given", "words"),
     [
