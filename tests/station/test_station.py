@@ -246,6 +246,15 @@ WRONG = {
         '[[classes]]\nname = "missed"',
         'classes[1]: name = "missed" is kept for defects without a blob.',
     ),
+    "tunnel as high as the camera": (
+        "[tunnel]\nheight_mm = 800",
+        "camera.height_mm = 800 must be above the tunnel, whose tunnel.height_mm is 800.",
+    ),
+    "arch that cuts a hollow part": (
+        '[part]\nwidth_mm = 50\nsurface = "height"\ncrown_radius_y_mm = -40\n'
+        '[tunnel]\nsection = "arch"\nradius_mm = 26',
+        "tunnel.radius_mm = 26 must be larger than the part's half width and height, 26.4",
+    ),
     "tunnel above the camera": (
         "[tunnel]\nheight_mm = 900",
         "camera.height_mm = 800 must be above the tunnel, whose tunnel.height_mm is 900.",

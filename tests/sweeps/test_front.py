@@ -35,7 +35,7 @@ from gpuspec.sweeps.choosing.maps import Map, Maps
 from gpuspec.sweeps.choosing.scores import Scores
 from gpuspec.sweeps.choosing.sensitivity import lines
 from gpuspec.sweeps.keeping.folder import RunFolder
-from gpuspec.sweeps.plan import Plan
+from gpuspec.sweeps.plan import Plan, with_part
 from gpuspec.sweeps.rule import Rule
 from gpuspec.sweeps.sweep import sweep
 from gpuspec.sweeps.trying.bench import Bench
@@ -107,6 +107,7 @@ def swept(tmp_path_factory: pytest.TempPathFactory, opencl: OpenCLBackend) -> di
                 "sequence.images": [8, 20],
             },
         ),
+        "fine": Plan.of(one, {"sequence.images": "4:43:40"}),
         "bits": Plan.of(one, {"sensor.bit_depth": [12], "sensor.exposure": [2, 4]}),
         "invalid": Plan.of(one, {"tunnel.height_mm": [100, 300, 900], "sensor.exposure": [2, 4]}),
     }
@@ -443,6 +444,28 @@ def test_lines_are_the_designs_that_differ_in_one_key(swept: dict[str, RunFolder
         assert (own.hits[inside] == choice.best.hits).all()
 
 
+@pytest.mark.parametrize("rule", RULES[:3], ids=str)
+def test_what_is_tolerated_reaches_from_the_chosen_value_to_the_first_that_falls_short(
+    swept: dict[str, RunFolder], rule: Rule
+) -> None:
+    """Beyond a value that falls short others may do well again: a station set there would not."""
+    choice = choose(swept["fine"], rule)
+    best, (line,) = choice.best, lines(choice)
+    again = False
+    for course in (line.own, line.held):
+        goal = {"p1": course.p1, "p2": course.p2, "f1": course.f1}[rule.goal]
+        short = (course.hits < best.hits) | (goal < 0.95 * getattr(best, rule.goal))
+        for name in ("p1", "p2"):
+            floor = min(getattr(rule, f"{name}_floor"), getattr(best, name))
+            short |= getattr(course, name) < 0.95 * floor
+        places = np.arange(len(short))
+        first = max(places[short & (places < line.place)], default=-1)
+        last = min(places[short & (places > line.place)], default=len(short))
+        assert np.array_equal(course.kept, (places > first) & (places < last))
+        again |= not short[:first].all() if first > 0 else False
+    assert again  # else a simpler rule would do
+
+
 def test_a_design_whose_neighbours_all_fall_short_stands_alone(
     swept: dict[str, RunFolder],
 ) -> None:
@@ -733,6 +756,19 @@ def test_a_front_keeps_the_users_files(gpuspec_: Command, swept: dict[str, RunFo
     assert "out/front.png is in the way" in said(gpuspec_(*command))
     assert gpuspec_(*command, "--force").code == 0
     assert Path("out/front.png").read_text("utf-8") == "mine"
+
+
+def test_the_share_detected_by_chance_is_that_of_all_parts_together(
+    swept: dict[str, RunFolder], opencl: OpenCLBackend
+) -> None:
+    choice = choose(swept["parts"])
+    (told,) = [note for note in choice.notes if "hit by chance" in note]
+    false = flawless = 0
+    for part in range(3):
+        result = simulate(with_part(choice.station(), part), opencl)
+        false += result.score.false_px
+        flawless += result.truth.size - result.score.zone_px
+    assert told.startswith(f"{100 * false / flawless:.3g} % of the flawless surface")
 
 
 def test_a_chosen_design_that_detects_nearly_everything_is_told_so(

@@ -221,6 +221,42 @@ def test_another_seed_is_another_search_and_the_same_seed_the_same(plan):
     assert not [values for values in other if values in one]
 
 
+def test_steps_that_find_nothing_better_grow_shorter_and_every_fourth_trial_explores(plan):
+    search = Search(plan.axes, Rule(p2_floor=0.0), 3)
+    away, steps = [], []
+    for number in range(120):
+        values, step = search.propose()
+        good = 0.9 if number == 5 else 0.1
+        search.add(module.Trial(values, step, None, 1.0, good, 1.0, 1, 1))
+        steps.append(step)
+        best = search.trials[5].values if number > 5 else values
+        spans = [(values[a.key] - best[a.key]) / (a.values[1] - a.values[0]) for a in plan.axes]
+        away.append(np.abs(spans).max())
+    assert not any(steps[:24])
+    assert steps[24:] == [number % 4 != 0 for number in range(24, 120)]
+    taken = np.array(away)[np.array(steps)]
+    assert taken[-20:].mean() < 0.1 * taken[:10].mean()
+
+
+def test_a_threshold_that_detects_nothing_makes_no_station(plan, tmp_path, opencl):
+    found = optimise(plan, tmp_path, 2, backend=opencl)
+    for threshold, detects in ((254.0, True), (255.0, False)):
+        best = replace(found.trials[0], threshold_dn=threshold)
+        one = replace(found, trials=(best,), best=0)
+        if detects:
+            assert one.station().segmentation.threshold == 254
+        else:
+            with pytest.raises(StationError, match="nothing is detected"):
+                one.station()
+
+
+def test_a_design_is_tried_on_as_many_parts_as_are_asked_for(small, tmp_path, opencl):
+    dents = {"kind": "dent", "count": 3, "diameter_mm": 0.6, "depth_um": 5.0}
+    many = plan_of(small.replace(populations=[dents]), BOUNDS, parts=3)
+    (trial,) = optimise(many, tmp_path, 1, backend=opencl).trials
+    assert trial.defects == 3 * 4
+
+
 def test_the_seed_of_the_command_is_that_of_the_search(plan, tmp_path, opencl):
     one, other = (
         optimise(plan, tmp_path / str(seed), 2, seed=seed, backend=opencl).trials for seed in (1, 2)

@@ -8,6 +8,7 @@ import resource
 import signal
 import subprocess
 import time
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -32,7 +33,7 @@ from gpuspec.sweeps.choosing.front import Front, curves
 from gpuspec.sweeps.crew import Alone
 from gpuspec.sweeps.estimate import estimate
 from gpuspec.sweeps.keeping.checksums import Checksums
-from gpuspec.sweeps.keeping.folder import RunFolder, differences
+from gpuspec.sweeps.keeping.folder import RunFolder, differences, table_bytes
 from gpuspec.sweeps.notes import of_plan
 from gpuspec.sweeps.plan import SEED_STEP, Plan, with_part
 from gpuspec.sweeps.sweep import sweep
@@ -638,6 +639,70 @@ def test_two_sweeps_are_never_mixed(station, opencl, tmp_path):
         assert words in str(error.value)
         assert "holds another sweep" in str(error.value)
     assert content(tmp_path) == before
+
+
+def test_another_version_makes_another_sweep(station):
+    here = Plan.of(station, GRID).identity()
+    assert differences(here, here) == []
+    assert differences({**here, "gpuspec": "0.0.1"}, here) == [
+        f"gpuspec is 0.0.1 there and {gpuspec.__version__} here"
+    ]
+
+
+@pytest.mark.parametrize("samples", [0, 300])
+def test_a_table_takes_no_more_disk_than_is_asked_for(station, opencl, tmp_path, samples):
+    plan = Plan.of(station, GRID, samples=samples)
+    run = sweep(plan, tmp_path / "run", opencl)
+    size = sum(path.stat().st_size for path in (run.path / "designs").iterdir())
+    assert tolerances.TABLE_SHARE * table_bytes(plan) < size <= table_bytes(plan)
+    # With bounds a row is twice as large.
+    plain, screened = (replace(plan, samples=n) for n in (0, 300))
+    assert table_bytes(screened) >= 2 * table_bytes(plain)
+
+
+def test_what_a_killed_sweep_left_half_written_is_removed(station, opencl, tmp_path):
+    plan = Plan.of(station, GRID)
+    whole = sweep(plan, tmp_path / "run", opencl).table()
+    (tmp_path / "run" / ".partial-one").mkdir()
+    (tmp_path / "run" / ".partial-one" / "part").write_bytes(b"half")
+    (tmp_path / "run" / "designs" / ".partial-two").write_bytes(b"half")
+    assert sweep(plan, tmp_path / "run", opencl).table().equals(whole)
+    assert not list((tmp_path / "run").rglob(".partial-*"))
+
+
+def test_what_is_left_of_a_sweep_is_estimated(station, opencl):
+    """Two of five geometries, each traced for two parts; time for what is left, and its traces."""
+    grid = {"tunnel.height_mm": "100:300:5", "sensor.exposure": "1:8:8"}
+    plan = Plan.of(station, grid, parts=2)
+    assert [estimate(plan, None, left).traces for left in (40, 16, 9, 8, 1, 0)] == [
+        10,
+        4,
+        4,
+        2,
+        2,
+        0,
+    ]
+    assert estimate(plan, None, 9).seconds is None
+    bench = Bench(plan, opencl)
+    some, more = (estimate(plan, bench, left) for left in (8, 4_000_000))
+    assert 0 < some.seconds < more.seconds
+    assert estimate(plan, bench, 0).seconds == 0
+
+
+def test_the_time_of_tracing_is_part_of_the_estimate(station, opencl, monkeypatch):
+    """A bench whose traces take a second and whose designs a hundredth."""
+    plan = Plan.of(station, {"tunnel.height_mm": "100:300:5", "sensor.exposure": "1:8:8"})
+    clock, traced = [0.0], set()
+
+    class Slow(Bench):
+        def rows(self, designs: Any, *, sampled: bool) -> Any:
+            for design in designs:
+                clock[0] += 0.01 + (plan.geometry_of(design) not in traced)
+                traced.add(plan.geometry_of(design))
+
+    monkeypatch.setattr("gpuspec.sweeps.estimate.time.perf_counter", lambda: clock[0])
+    found = estimate(plan, Slow(plan, opencl), 40).seconds
+    assert found == pytest.approx(40 * 0.01 + 5 * 1.0)
 
 
 def test_a_table_without_its_identity_is_not_adopted(station, opencl, tmp_path):
