@@ -528,6 +528,21 @@ for _ in range(1 if moves else 30):
 """
 
 
+@pytest.mark.parametrize("name", ["../mine.txt", "one/two/mine.txt", "one/../../mine.txt"])
+def test_a_manifest_that_names_files_elsewhere_removes_none(tmp_path, name):
+    """Only what lies in the folder, or in one of its own, can be an earlier run's."""
+    folder = tmp_path / "run"
+    (folder / "one" / "two").mkdir(parents=True)
+    mine_ = folder / name
+    mine_.write_text("mine", encoding="utf-8")
+    entry = {"of": {}, "files": {name: [files.digest(mine_)], "old.txt": []}}
+    (folder / MANIFEST).write_text(json.dumps({"run": entry}), encoding="utf-8")
+    with Outputs(folder, "run", ("new.txt",)).writing() as partial:
+        (partial / "new.txt").write_text("new", encoding="utf-8")
+    assert mine_.read_text(encoding="utf-8") == "mine"
+    assert (folder / "new.txt").exists()
+
+
 def process(folder: Path, *arguments: object) -> subprocess.Popen[bytes]:
     """Another process that writes such files, and kills itself before it moves the n-th."""
     command = [sys.executable, "-c", WRITES, *map(str, arguments)]
