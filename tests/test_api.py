@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from commandline import DEADLINE_S
 from PIL import Image
+from tolerances import PNG_DN
 
 import gpuspec
 from gpuspec import studies
@@ -178,7 +179,7 @@ def test_a_long_table_is_shown_in_part(result):
 def test_a_light_map_shows_its_aspect_image(result):
     with Image.open(io.BytesIO(result.light_map._repr_png_())) as picture:
         grey = np.asarray(picture).astype(float)
-    np.testing.assert_allclose(grey, np.clip(result.aspect, 0, 255), atol=1)
+    np.testing.assert_allclose(grey, np.clip(result.aspect, 0, 255), atol=PNG_DN)
 
 
 @pytest.mark.parametrize("wrong", [None, {"a": 1}, b"t.toml", np.zeros(2)])

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 from scenes import part_with
 from scipy.stats import beta, chi2
-from tolerances import BOUND, BOUND_STEP, FLOAT_ROUNDING, P_VALUE
+from tolerances import (
+    BOUND,
+    BOUND_STEP,
+    FLOAT_ROUNDING,
+    MEAN_ESTIMATE,
+    P_VALUE,
+    PRINTED_BOUND,
+    STEP_OFF,
+)
 
 from gpuspec.detection.score import score
 from gpuspec.detection.segmentation import segment
@@ -94,7 +102,7 @@ def test_a_pixel_is_above_a_threshold_if_its_level_is(full_scale):
     steps = thresholds(full_scale)
     assert steps.dtype == np.float32
     assert (np.diff(steps) > 0).all()
-    assert np.abs(steps - np.arange(LEVELS) * full_scale / 255).max() < 1e-6 * full_scale
+    assert np.abs(steps - np.arange(LEVELS) * full_scale / 255).max() < STEP_OFF * full_scale
     beside = [steps, np.nextafter(steps, np.float32(np.inf)), np.nextafter(steps, np.float32(-1))]
     pixels = np.clip(np.concatenate(beside), 0, full_scale).astype(np.float32)
     pixels[pixels < 1e-30] = 0  # a subnormal grey level is none
@@ -274,7 +282,7 @@ def test_bounds_hold_the_true_number_and_estimates_are_near(opencl):
         assert (curves.p1_low <= curves.p1).all()
         assert (curves.p1 <= curves.p1_high).all()
     assert outside <= 2 * risk * count
-    assert np.abs(sums / 40 - true).max() < 0.02 * zones.valid.size
+    assert np.abs(sums / 40 - true).max() < MEAN_ESTIMATE * zones.valid.size
 
 
 def drawn_alone(strata: int, level: int, ceiling: int) -> tuple[Levels, TracedPart]:
@@ -305,8 +313,8 @@ def test_the_interval_is_that_of_clopper_and_pearson():
     """5 of 20 at 2.5 % to either side: 0.0866 to 0.4910, as printed in tables."""
     bounds = Bounds(20, 10, 0.025)
     x = np.array([0, 5, 20])
-    assert bounds.low(x) / 200 == pytest.approx([0, 0.0866, 0.8316], abs=1e-4)
-    assert bounds.high(x)[:2] / 200 == pytest.approx([0.1684, 0.4910], abs=1e-4)
+    assert bounds.low(x) / 200 == pytest.approx([0, 0.0866, 0.8316], abs=PRINTED_BOUND)
+    assert bounds.high(x)[:2] / 200 == pytest.approx([0.1684, 0.4910], abs=PRINTED_BOUND)
     assert bounds.high(x)[2] == 200
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scenes import part_with
-from tolerances import DEVICE_DN, FOOTPRINT_SHARE, LIGHT_MM, RECORD_PX, VOLUME
+from tolerances import DEVICE_DN, FLOAT_ROUNDING, FOOTPRINT_SHARE, LIGHT_MM, RECORD_PX, VOLUME
 
 from gpuspec.errors import StationError
 from gpuspec.light.float64_backend import NumpyBackend
@@ -216,9 +216,11 @@ def test_records_give_positions_back_far_from_the_origin():
     got = records[:, 0, :2] + records[:, 0, 2:]
     assert np.abs(got - want).max() < RECORD_PX
     assert np.abs(want).max() > 46_000
-    np.testing.assert_allclose(records[:, 1, :2], 9 * [[0.37, -0.11]], rtol=1e-6)
+    np.testing.assert_allclose(records[:, 1, :2], 9 * [[0.37, -0.11]], rtol=FLOAT_ROUNDING)
     length = np.hypot(0.37, 0.11)
-    np.testing.assert_allclose(records[:, 1, 2:], 9 * [[length**-2, 1 / length]], rtol=1e-6)
+    np.testing.assert_allclose(
+        records[:, 1, 2:], 9 * [[length**-2, 1 / length]], rtol=FLOAT_ROUNDING
+    )
     np.testing.assert_array_equal(records[:, 2, 2], np.arange(9))
 
 

@@ -964,6 +964,17 @@ def test_a_spike_that_makes_a_map_no_mirror_is_named_with_the_way_out(folder):
     )
 
 
+def test_a_filled_point_is_no_spike_however_steep_its_neighbours(tmp_path):
+    """Two above and two below: what is filled between them lies in the middle."""
+    heights = np.zeros((100, 120))
+    heights[50, [59, 61]], heights[[49, 51], 60] = 0.02, -0.02
+    missing = np.zeros(heights.shape, bool)
+    missing[50, 60] = True
+    write_sur(tmp_path / "x.sur", heights, missing=missing)
+    (m,) = read_maps(relief_station(tmp_path, form_removed="none"))
+    assert "part.relief: 4 points stand out, steeper than 45" in " ".join(m.remarks)
+
+
 def test_outliers_are_left_out_of_the_form_and_of_the_zones(folder):
     station = spiked(folder, (30, 100), (31, 100), (0, 0), (99, 5))
     station = station.replace(part__relief__zone_height_um=0.3)

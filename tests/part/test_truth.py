@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from maps import grid, pit, write_sur
 from scenes import part_with
-from tolerances import SEEN_POINT_MM, ZONE_AREA
+from tolerances import PIT_DEPTH, PIT_SIZE_PITCHES, SEEN_POINT_MM, SMALL_ZONE_AREA, ZONE_AREA
 
 from gpuspec.part.relief import Relief
 from gpuspec.part.truth import ZONE, Truth
@@ -181,7 +181,7 @@ def test_a_population_has_zones_that_can_be_counted():
     found = truth(station)
     pixels = np.bincount(found.labels.ravel(), minlength=301)[1:]
     size = np.array([d.size_mm for d in found.defects])
-    assert np.abs(pixels * 0.2**2 / (np.pi / 4 * size**2) - 1).max() < 0.2
+    assert np.abs(pixels * 0.2**2 / (np.pi / 4 * size**2) - 1).max() < SMALL_ZONE_AREA
     assert np.abs(pixels.sum() * 0.2**2 / (np.pi / 4 * size**2).sum() - 1) < ZONE_AREA
 
 
@@ -226,10 +226,10 @@ def test_pits_of_a_measured_relief_are_numbered_and_sized(folder):
     for centre, sigma, depth in PITS:
         _, known = nearest(found, centre)
         assert (known.x_mm, known.y_mm) == pytest.approx(centre, abs=PITCH)
-        assert known.depth_um == pytest.approx(depth, rel=0.2)
+        assert known.depth_um == pytest.approx(depth, rel=PIT_DEPTH)
         # Below 0.4 um: r = sigma sqrt(2 ln(depth / 0.4)), in whole points.
         assert known.size_mm == pytest.approx(
-            2 * sigma * np.sqrt(2 * np.log(depth / 0.4)), abs=1.2 * PITCH
+            2 * sigma * np.sqrt(2 * np.log(depth / 0.4)), abs=PIT_SIZE_PITCHES * PITCH
         )
 
 
@@ -314,9 +314,9 @@ def test_a_measured_defects_zone_is_where_its_patch_lies(folder):
     for centre, sigma, depth in PITS:
         _, known = nearest(found, (2.0 + centre[0], -1.5 + centre[1]))
         assert (known.x_mm - 2.0, known.y_mm + 1.5) == pytest.approx(centre, abs=PITCH)
-        assert known.depth_um == pytest.approx(depth, rel=0.2)
+        assert known.depth_um == pytest.approx(depth, rel=PIT_DEPTH)
         assert known.size_mm == pytest.approx(
-            2 * sigma * np.sqrt(2 * np.log(depth / 0.4)), abs=1.2 * PITCH
+            2 * sigma * np.sqrt(2 * np.log(depth / 0.4)), abs=PIT_SIZE_PITCHES * PITCH
         )
 
 

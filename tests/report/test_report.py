@@ -17,6 +17,7 @@ import tifffile
 from commandline import names
 from maps import polished, write_sur
 from PIL import Image
+from tolerances import FOUR_DIGITS, NINE_DIGITS, PLACES
 
 import gpuspec
 from gpuspec import files
@@ -150,7 +151,7 @@ def test_the_table_of_blobs_is_that_of_the_result(result, written):
         assert len(row) == len(blob)
         for key, value in blob.items():
             given = row.get(key, row.get(f"{key}_px"))
-            assert float(given) == pytest.approx(value, rel=1e-8)
+            assert float(given) == pytest.approx(value, rel=NINE_DIGITS)
 
 
 def test_the_table_of_defects_is_that_of_the_score(result, written):
@@ -159,7 +160,9 @@ def test_the_table_of_defects_is_that_of_the_score(result, written):
     assert [row["kind"] for row in rows] == ["dent", "scratch", "bump"]
     for number, (row, defect) in enumerate(zip(rows, result.defects, strict=True), 1):
         for key in ("x_mm", "y_mm", "size_mm", "length_mm", "depth_um"):
-            assert float(row[key]) == pytest.approx(getattr(defect, key), rel=1e-3, abs=1e-4)
+            assert float(row[key]) == pytest.approx(
+                getattr(defect, key), rel=FOUR_DIGITS, abs=PLACES
+            )
         zone = result.truth == number
         assert int(row["zone_px"]) == zone.sum()
         assert int(row["hit_px"]) == (zone & (result.labels > 0)).sum()

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tolerances import SCALED_SHARE, THRESHOLD_DN
+from tolerances import FLAWLESS_DN, SCALED_SHARE, THRESHOLD_DN
 
 from gpuspec.arrays import BESIDE
 from gpuspec.detection.inspection import class_rules, inspect
@@ -187,7 +187,7 @@ def test_the_dark_of_lost_pixels_does_not_lower_the_flawless_level(backend):
     # More than half of the part sees no light.
     whole, dark = (simulate(one_dent(tunnel__length_mm=n), backend) for n in (1000.0, 15.0))
     assert (dark.lost > BESIDE).mean() > 0.5
-    assert dark.flawless_dn == pytest.approx(whole.flawless_dn, abs=1)
+    assert dark.flawless_dn == pytest.approx(whole.flawless_dn, abs=FLAWLESS_DN)
     assert dark.flawless_dn > 60
 
 

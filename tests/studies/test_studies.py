@@ -13,9 +13,17 @@ from commandline import STATION, content, hidden, names, said
 from legible import check_legible, drawn_texts
 from scenes import check_station
 from tolerances import (
+    BACKEND_P2,
+    CROWN_MOVED,
     DISTANCE_MM,
+    EDGE_MM,
+    FALLS_WITH_DISTANCE,
+    FOLD,
+    FORCE,
     GRADIENT,
+    LEVELS_OFF,
     LIGHT_POINT,
+    OPENING_AREA,
     SIGNATURE_DIGITS,
     SIGNATURE_IMAGES,
 )
@@ -58,7 +66,7 @@ def small() -> Station:
 def test_the_closed_form_has_the_widths_of_the_model(distance, width):
     station = Station.from_dict({"tunnel": {"height_mm": 100.0}})
     force = strength(PAPER, station)
-    assert force == pytest.approx(28.4, abs=0.05)
+    assert force == pytest.approx(28.4, abs=FORCE)
     assert signature_width([distance], force)[0] == pytest.approx(width, abs=SIGNATURE_DIGITS)
 
 
@@ -67,7 +75,7 @@ def test_a_signature_begins_at_the_fold_and_vanishes_near_a_over_root_e_less_one
     fold = math.sqrt(2 * math.log(force))
     vanishing = force / math.sqrt(math.e) - 1
     begin, before, after = signature_width([0, vanishing - 0.01, 1.02 * vanishing + 0.1], force)
-    assert begin == pytest.approx(fold, abs=1e-3)
+    assert begin == pytest.approx(fold, abs=FOLD)
     assert before > 0
     assert after == 0
 
@@ -149,8 +157,8 @@ def test_what_height_adds_falls_with_the_distance_of_the_camera():
     # By slope it tends to a constant, by height to the field angle's share of it.
     first, last = outcome.by_height_mm[[-2, -1]]
     near, far = outcome.camera_mm[[-2, -1]]
-    assert last / first == pytest.approx(near / far, rel=0.05)
-    assert np.ptp(outcome.by_slope_mm[-2:]) < 0.01 * outcome.by_slope_mm[-1]
+    assert last / first == pytest.approx(near / far, rel=FALLS_WITH_DISTANCE)
+    assert np.ptp(outcome.by_slope_mm[-2:]) < LEVELS_OFF * outcome.by_slope_mm[-1]
 
 
 def test_the_claim_of_the_paper_is_judged_and_not_assumed():
@@ -177,7 +185,7 @@ def test_a_crown_is_compared_with_a_flat_part():
     assert len(crowned.table()[0]) == len(flat.table()[0]) + 3
     # At x = L/2 the crown's slope moves the light by about 2 H x / R.
     moved = 2 * 300 * 98 / 500
-    assert crowned.shape_by_slope_mm[-1] == pytest.approx(moved, rel=0.1)
+    assert crowned.shape_by_slope_mm[-1] == pytest.approx(moved, rel=CROWN_MOVED)
     assert "crown moves it" in crowned.findings()[1]
 
 
@@ -192,7 +200,7 @@ def test_distances_to_the_transitions_are_those_of_a_search_over_all():
     shifts = np.arange(6) * 1.3
     edges = np.concatenate([shifts, shifts + 3.0])[:, None] + 10.3 * np.arange(-10, 10)
     expected = np.abs(light[:, None] - edges.ravel()).min(axis=1)
-    assert coverage.transition_distance(light, station) == pytest.approx(expected, abs=1e-12)
+    assert coverage.transition_distance(light, station) == pytest.approx(expected, abs=EDGE_MM)
 
 
 def test_a_transition_lies_where_the_light_changes(backend):
@@ -250,7 +258,7 @@ def test_pixels_are_blind_where_no_transition_comes_or_no_light_is_seen(opencl):
     scanned, far, lost, beside = outcome.counts
     assert beside == 100 * 200  # 12.5 mm on either side of the part
     opening = 40 * 20 / 1.375**2 / 0.25**2
-    assert lost == pytest.approx(opening, rel=0.02)
+    assert lost == pytest.approx(opening, rel=OPENING_AREA)
     assert far > 0
     assert scanned + far + lost == 800 * 200
     assert outcome.blind == (far + lost) / (800 * 200)
@@ -408,7 +416,7 @@ def test_a_design_keeps_its_score_on_every_backend(device_backend, tolerated):
     )
     for mine, its in zip(outcome.perturbations, tolerated.perturbations, strict=True):
         assert mine.hit == pytest.approx(its.hit), mine.name
-        assert mine.p2 == pytest.approx(its.p2, abs=0.02), mine.name
+        assert mine.p2 == pytest.approx(its.p2, abs=BACKEND_P2), mine.name
 
 
 @pytest.mark.parametrize(
