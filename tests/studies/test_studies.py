@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -169,6 +170,21 @@ def test_the_claim_of_the_paper_is_judged_and_not_assumed():
     outcome = height.study(near, distances=9)
     assert not outcome.negligible
     assert outcome.negligible_from_mm > 310
+    # From there on at every height tried, not only at the next.
+    ones, none = np.ones(5), np.zeros(5)
+    uneven = replace(
+        outcome, camera_mm=np.arange(200.0, 700.0, 100.0), by_slope_mm=ones,
+        by_height_mm=np.array([0.5, 1e-6, 0.5, 1e-6, 1e-6]), shape_by_slope_mm=none,
+        shape_by_height_mm=none,
+    )  # fmt: skip
+    assert uneven.negligible_from_mm == 500
+    never = replace(uneven, by_height_mm=0.5 * ones)
+    assert never.negligible_from_mm is None
+    # Where the dent moves the light by slope alone, a crown may still move it by height.
+    plain = replace(uneven, by_height_mm=1e-6 * ones)
+    crowned = replace(plain, shape_by_slope_mm=ones, shape_by_height_mm=0.5 * ones)
+    assert plain.negligible
+    assert not crowned.negligible
     assert "does not hold for this station" in outcome.findings()[-1]
     assert 'part.surface = "height"' in outcome.findings()[-1]
 
@@ -349,6 +365,11 @@ def test_each_thing_that_can_change_is_tried(tolerated):
     assert names["reflectivity"].values == pytest.approx((-30, 0, 30))
     assert names["material"].values == tuple(MATERIALS)
     assert len(tolerated.findings()) == 1 + len(names)
+    least = tolerated.numbers()["least"]
+    for name, one in names.items():
+        found = [(score.p1, score.p2, score.defects_hit) for score in one.scores]
+        assert tuple(least[name].values()) == tuple(map(min, zip(*found, strict=True)))
+    assert any(len({score.p2 for score in one.scores}) > 1 for one in names.values())
 
 
 def test_a_change_of_reflectivity_is_one_of_exposure(tolerated):
