@@ -554,8 +554,8 @@ def test_a_name_that_the_terminal_cannot_show_ends_no_run(folder):
 @pytest.fixture
 def no_platform(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """An environment in which the OpenCL loader finds no platform, the pip-installed ones too."""
-    empty = str(tmp_path_factory.mktemp("empty"))
-    return {"OCL_ICD_VENDORS": empty, "OPENCL_VENDOR_PATH": empty}
+    absent = str(tmp_path_factory.mktemp("no") / "platform")  # in an empty one others are found
+    return {"OCL_ICD_VENDORS": absent, "OPENCL_VENDOR_PATH": absent}
 
 
 def test_without_an_opencl_platform_it_is_said_what_to_install(folder, no_platform):
