@@ -131,6 +131,11 @@ def test_a_device_is_chosen_by_number_or_by_part_of_its_name(wanted, number):
     assert chosen("vulkan", ["NVIDIA GeForce", "AMD Radeon"], wanted) == number
 
 
+def test_a_number_is_a_device_s_own_and_not_one_of_its_name():
+    assert chosen("vulkan", ["GeForce GTX 1080", "GeForce GTX 0"], "1") == 1
+    assert chosen("vulkan", ["GeForce GTX 1080", "GeForce GTX 0"], "gtx 0") == 1
+
+
 @pytest.mark.parametrize("wanted", ["2", "-1", "²", "intel"])
 def test_a_device_that_is_not_there_is_answered_with_those_that_are(wanted):
     with pytest.raises(BackendError, match=r"no device .* from 0 \(NVIDIA GeForce\), 1 \(AMD"):

@@ -98,6 +98,12 @@ def test_several_periods_in_equal_steps_have_the_closed_form_too(backend):
     assert np.abs(light_map.closed_form() - light_map.mean()).max() < DEVICE_DN
 
 
+@pytest.mark.parametrize("step", [1e-12, 0.3, 17.0])
+def test_no_whole_period_has_no_closed_form(step: float):
+    station = check_station(sequence__images=40, sequence__step_mm=step)
+    assert station.distinct_shifts is None
+
+
 def test_the_mean_is_that_of_the_single_images(backend):
     station = check_station(sequence__images=7, camera__subsampling=2)
     light_map = backend.trace(station)

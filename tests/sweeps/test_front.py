@@ -108,7 +108,7 @@ def swept(tmp_path_factory: pytest.TempPathFactory, opencl: OpenCLBackend) -> di
             },
         ),
         "fine": Plan.of(one, {"sequence.images": "4:43:40"}),
-        "bits": Plan.of(one, {"sensor.bit_depth": [12], "sensor.exposure": [2, 4]}),
+        "bits": Plan.of(one, {"sensor.bit_depth": [12], "sequence.images": [24, 40]}),
         "invalid": Plan.of(one, {"tunnel.height_mm": [100, 300, 900], "sensor.exposure": [2, 4]}),
     }
     return {name: sweep(plan, folder / name, opencl) for name, plan in plans.items()}
@@ -215,6 +215,14 @@ def test_what_may_be_on_the_front_is_what_none_beats_for_certain() -> None:
     assert front.points().exact.all()
 
 
+def test_an_estimate_lies_within_its_bounds() -> None:
+    scores = Scores.of(
+        bounded((0, 0.9, 0.4, 0.8), (1, 0.1, 0.4, 0.8), (2, 0.5, 0.4, 0.8), (3, 0.9, None, None))
+    )
+    assert scores.p1[:, 7].tolist() == [0.8, 0.4, 0.5, 0.9]
+    assert scores.exact[:, 7].tolist() == [False, False, False, True]
+
+
 SHARES = st.sampled_from([0.0, 0.25, 0.5, 0.75, 1.0])
 """Few values, so that many points are equal in something; no two F1 of them are equal but those of
 the same pair."""
@@ -306,6 +314,7 @@ def test_the_chosen_station_reproduces_its_row(
     choice = choose(swept[name], rule)
     score = gpuspec.simulate(choice.station(), opencl).score
     assert (score.p1, score.p2, score.defects_hit) == outcome(choice)[1:]
+    assert 0.05 < score.p1 < 1  # neither all nor nothing is detected, whatever the threshold
 
 
 def test_with_several_parts_the_station_has_the_first(

@@ -34,7 +34,7 @@ from gpuspec.sweeps.crew import Alone
 from gpuspec.sweeps.estimate import estimate
 from gpuspec.sweeps.keeping.checksums import Checksums
 from gpuspec.sweeps.keeping.folder import RunFolder, differences, table_bytes
-from gpuspec.sweeps.notes import of_plan
+from gpuspec.sweeps.notes import of_plan, of_table
 from gpuspec.sweeps.plan import SEED_STEP, Plan, with_part
 from gpuspec.sweeps.sweep import sweep
 from gpuspec.sweeps.trying import bench as bench_module
@@ -975,6 +975,24 @@ def test_notes_are_in_the_table_where_they_are_true_and_nowhere_else(station, op
         assert ("does not saturate" in notes) == (row["sensor.exposure"] == 1)
         assert ("all 40 images are the same" in notes) == (row["sequence.step_mm"] == 8)
         assert (row["notes"] is None) == (notes == "")
+
+
+def test_what_is_said_of_every_design_already_is_told_again_only_of_some(station, opencl, tmp_path):
+    grid = {"sensor.exposure": [0.8, 1.0, 4.0]}
+    run = sweep(Plan.of(station, grid), tmp_path / "some", opencl)
+    told = of_table(run)
+    assert len(told) == 2  # of two exposures, a note each
+    line = told[0].partition(": ")[2]
+    assert of_table(run, [line]) == told
+    same = sweep(Plan.of(station, {"sensor.exposure": [0.8]}), tmp_path / "all", opencl)
+    (one,) = of_table(same)
+    assert of_table(same, [one.partition(": ")[2]]) == []
+
+
+def test_a_geometry_beyond_the_memory_is_refused_in_a_sentence(station, opencl, monkeypatch):
+    monkeypatch.setattr("gpuspec.simulation.memory._available_bytes", lambda: 1000)
+    with pytest.raises(StationError, match=r"of memory while"):
+        Parts(opencl, 1, 0).levels([station], sampled=False)
 
 
 def test_sweep_and_front_tell_what_is_wrong_with_designs(gpuspec_: Command):
