@@ -30,6 +30,8 @@ diameter_mm = 0.8
 depth_um = 8.0
 """
 PROGRAM = [sys.executable, "-m", "gpuspec"]
+DEADLINE_S = 300.0
+"""After which a process that a test started has failed, however busy the machine."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ def program(*arguments: object, cwd: Path, **options: Any) -> Ran:
     environment = {**os.environ, "COLUMNS": "200", **options.pop("env", {})}
     done = subprocess.run(
         [*PROGRAM, *map(str, arguments)], capture_output=True, text=True, cwd=cwd,
-        env=environment, errors="surrogateescape", **options,
+        env=environment, errors="surrogateescape", **{"timeout": DEADLINE_S, **options},
     )  # fmt: skip
     return Ran(done.returncode, done.stdout, done.stderr)
 

@@ -10,9 +10,11 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from commandline import names
+from commandline import DEADLINE_S, names
 
 from gpuspec.report.folder import FILES
+
+pytestmark = pytest.mark.slow
 
 CHECKOUT = Path(__file__).resolve().parents[1]
 
@@ -28,7 +30,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("wheel")
     subprocess.run(
         [sys.executable, "-m", "build", "--wheel", "--no-isolation", "-o", folder, CHECKOUT],
-        check=True, stdout=subprocess.DEVNULL,
+        check=True, stdout=subprocess.DEVNULL, timeout=DEADLINE_S,
     )  # fmt: skip
     (built,) = folder.glob("*.whl")
     return built
@@ -38,11 +40,11 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The wheel with its dependencies in an empty environment: the environment's programs."""
     folder = tmp_path_factory.mktemp("environment")
-    subprocess.run([sys.executable, "-m", "venv", folder], check=True)
+    subprocess.run([sys.executable, "-m", "venv", folder], check=True, timeout=DEADLINE_S)
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
     subprocess.run(
         [folder / "bin" / "python", "-m", "pip", "install", "--no-compile", "-q", wheel],
-        check=True, env=environment, cwd=folder,
+        check=True, env=environment, cwd=folder, timeout=DEADLINE_S,
     )  # fmt: skip
     return folder / "bin"
 
@@ -73,7 +75,7 @@ def test_an_installed_gpuspec_is_the_installed_one(installed, tmp_path):
     found = subprocess.run(
         [installed / "python", "-c", "import gpuspec; print(gpuspec.__file__)"],
         check=True, capture_output=True, text=True, cwd=tmp_path,
-        env=clean_environment(tmp_path / "home"),
+        env=clean_environment(tmp_path / "home"), timeout=DEADLINE_S,
     ).stdout  # fmt: skip
     assert "site-packages" in Path(found.strip()).parts
     assert not Path(found.strip()).is_relative_to(CHECKOUT / "gpuspec")
@@ -83,6 +85,7 @@ def test_an_installed_gpuspec_runs_its_example_far_from_the_checkout(installed, 
     ran = subprocess.run(
         [installed / "gpuspec", "demo", "--set", "camera.sampling_mm=0.5", "-o", "out"],
         capture_output=True, text=True, cwd=tmp_path, env=clean_environment(tmp_path / "home"),
+        timeout=DEADLINE_S,
     )  # fmt: skip
     assert ran.returncode == 0, ran.stderr
     assert "Traceback" not in ran.stderr

@@ -178,7 +178,8 @@ SUB_RAYS_MAX_DN = 2.0
 # Other scenes: a box for the disk of the pupil or the Gaussian of roughness is up to 0.7 DN off
 # even on flawless pixels (rough part: 0.71).
 ANY_SCENE_RMS_DN = 0.80
-# The table is rounded to 0.1; the maximum is one pixel's, measured 0.4 off.
+# The table is rounded to 0.1, measured 0.025 off; the maximum is one pixel's, measured 0.65 off:
+# the table's own sampling, of which the oracle differs by 0.08 from itself with 16,384 rays.
 TABLE_MEDIAN_DN = 0.05
 TABLE_MAXIMUM_DN = 0.7
 
@@ -202,6 +203,13 @@ EQUAL_MEAN_DN = 0.002
 # Pixels of 0.004 sigma at two edges; the table has three digits; obliquity of the camera ray.
 SIGNATURE_WIDTH = 0.02
 SYMMETRY_MM = 2e-4
+
+HANDBOOK_PERCENT = 1.0
+"""Percent: reflectances of metals near 550 nm as handbooks print them, rounded; measured 0.5."""
+
+CHANCE_SHARE = 0.05
+"""Relative: share of pixels above their own quantile, some of which are
+equal; measured 2 %."""
 
 SEEN_POINT_MM = 1e-9
 """mm: the point behind a pixel, by Newton's method in float64; measured 7e-15."""
@@ -237,3 +245,191 @@ GRADIENT = 2e-6
 DISTANCE_MM = 2e-4
 """mm on the light: distance to a transition, from light coordinates of 150 mm in float32; measured
 7e-5 against float64 on a crown, 1.8e-5 on a flat part."""
+
+# ---------------------------------------------------------------------------------------- sweeps
+
+WRONG_SWEEPS = 0.01
+"""Share of screened sweeps with any wrong bound, as promised. Measured on made-up ones of 16
+designs: none of 300 (bounds of neighbouring thresholds go together); at a confidence of 50 %, 7 %.
+"""
+
+TABLE_SHARE = 0.05
+"""Of the disk that is asked for before a sweep: a small table compresses;
+measured 0.12 and 0.13."""
+
+BOUND = 1e-9
+"""Relative: Clopper and Pearson's interval against scipy's; measured 1e-12."""
+
+BOUND_STEP = 3e-3
+"""Of all pixels: what a bound of 5,000 strata is wider for not being worked out number by number;
+measured 1.9e-3."""
+
+RISK = 1e-6
+"""Relative: chance of a bound to be wrong against its share; measured 1e-9 (the inverse of the
+distribution function in float64)."""
+
+# ------------------------------------------------------------------------- measured topographies
+
+MAP_PITCH = 2e-7
+"""Relative: pitches, and sizes and places from them, as files hold them in float32; measured
+8.2e-8."""
+
+MAP_SLOPE = 5e-7
+"""Slopes of the float32 spline against float64: heights of 1 um are rounded to 6e-8 of themselves
+over a pitch of 4 um; measured 2.3e-7."""
+
+MAP_SEEN_MM = 3e-4
+"""mm: the same as light coordinate, of a swing of 31 mm; measured 1.0e-4."""
+
+MAP_LIGHT_MM = 5e-4
+"""mm: light coordinate of a pit sampled at a tenth of its sigma against the dent's formula, of a
+swing of 9.7 mm; measured 1.5e-4."""
+
+MAP_FOOTPRINT = 5e-3
+"""Of the largest footprint: the same, by the cubic spline's curvature; measured 2.6e-3."""
+
+MAP_SMOOTHED_MM = 1e-6
+"""mm: the Gaussian on the grid against the true one, of a pit of 1 um; measured 6.5e-7."""
+
+MAP_SOLVED_MM = 1e-15
+"""mm: a spline through heights of 0.01 mm, a plane fitted and a hole of a saddle filled, in
+float64; measured 1.1e-17."""
+
+MAP_SLOPE_DIFFERENCE = 1e-8
+"""Central differences over 2e-6 mm of heights of 0.01 mm in float64; measured 7.6e-10."""
+
+MAP_CURVE_DIFFERENCE = 1e-6
+"""1/mm: the same of slopes; measured 9.8e-8."""
+
+MAP_TILT = 2e-9
+"""Slope of a tilted plane whose heights are rounded to 1e-8 mm; measured 1.6e-10."""
+
+MAP_TILT_SEEN_MM = 1e-4
+"""mm: its light coordinate, moved by 0.48 mm, in float32; measured 1.2e-5."""
+
+MAP_FILLED_MM = 1e-6
+"""mm: a hole of 3 x 3 points in a wavy surface of 2e-5 mm, filled; measured 3.1e-7."""
+
+MAP_RECORD_PX = 1e-5
+"""px: a map's corner 100 px from the origin, of a pitch in float32; measured 2.8e-6."""
+
+# ------------------------------------------------------------------------------------- the oracle
+
+EXACT = 1e-11
+"""Absolute, mm, unitless or DN: float64 round-off of values below 1000; measured 6e-14."""
+
+ORACLE_SLOPE_MM = 2e-5
+"""mm on the light: central differences against derivatives, 1.4e-5 by the estimate in
+`oracle.slopes`; measured 6.1e-6 for a dent, 4e-8 for a crown."""
+
+RAYS_MM = 1e-3
+"""mm on the light: mean and reach of 4,096 rays spread over a pixel; measured 4.3e-5."""
+
+PUPIL_RMS = 1e-3
+"""Relative: rms of 4,096 rays spread over a disk; measured 1.5e-5."""
+
+PUPIL_EDGE = 5e-3
+"""Relative: the outermost of them; measured 1.5e-3."""
+
+ROUGH_RMS = 1e-3
+"""Relative: rms of rays spread by a Gaussian; measured 7.4e-5."""
+
+ROUGH_KURTOSIS = 5e-3
+"""Relative: their kurtosis; measured 1.8e-3."""
+
+SECOND_ORDER = 1e-8
+"""DN of 1: a bump's signature against a dent's, which differ by the square of a slope of 1e-5;
+measured 2.7e-10."""
+
+# --------------------------------------------------------------------------------- blobs, pictures
+
+BLOB = 1e-9
+"""Relative and mm: float64 sums over a few hundred pixels; measured 4.6e-15."""
+
+BLOB_ANGLE = 1e-6
+"""rad: angles from differences of variances, which lose some digits; measured 4.9e-15."""
+
+NINE_DIGITS = 1e-8
+"""Relative: a table of nine significant digits; measured 4.0e-9."""
+
+FOUR_DIGITS = 1e-3
+"""Relative: sizes and depths are written with four significant digits; measured 1.3e-4."""
+
+PLACES = 1e-4
+"""mm: places are written with four decimals."""
+
+THRESHOLD_STEP_DN = 0.125
+"""DN: an automatic threshold is rounded up to a whole step of it; measured 0.093."""
+
+SHOWN_DN = 4.5
+"""DN: means of 255 shown in 64 colours of 4 DN, and half a DN; measured 3.9."""
+
+POOLED = 1e-6
+"""Relative: means of neighbouring pixels in float32; measured below 1e-7."""
+
+TO_SCALE = 1e-6
+"""Relative: a picture's two scales; measured 5.4e-16."""
+
+PNG_DN = 1.0
+"""DN: grey levels are cut to whole ones; measured 0.99."""
+
+PIT_DEPTH = 0.1
+"""Relative: the deepest of the points of a pit of 0.6 points' sigma, away from its centre; measured
+6.1 %."""
+
+PIT_SIZE_PITCHES = 0.5
+"""Pitches: diameter of a pit from its number of points; measured 0.18."""
+
+FLAWLESS_DN = 1.0
+"""DN: the flawless level where half of the part is dark, against the whole part's; measured 0."""
+
+PRINTED_BOUND = 1e-4
+"""Intervals as tables print them, to four decimals."""
+
+FORCE = 0.05
+"""A dent's strength, printed as 28.4; measured 0.044 off."""
+
+FOLD = 1e-6
+"""Sigmas: where a signature begins, found by halving; measured 1.3e-8."""
+
+FALLS_WITH_DISTANCE = 1e-3
+"""Relative: movement by height against one over the camera's distance; measured 8.8e-5."""
+
+CROWN_MOVED = 0.1
+"""Relative: movement of the light point by a crown against first order; measured 6.7 %."""
+
+EDGE_MM = 1e-12
+"""mm: distance to a transition in float64; measured 0 to the last bit."""
+
+OPENING_AREA = 0.02
+"""Relative: pixels that reflect the opening against its area, cut by pixels; measured 0.6 %."""
+
+BACKEND_P2 = 0.02
+"""P2 of one defect on two backends: one of its 50 pixels on the threshold; measured 0."""
+
+LEVELS_OFF = 1e-3
+"""Relative: what the greatest movement by slope still changes between far cameras; measured 2.6e-4.
+"""
+
+SMALL_ZONE_AREA = 0.2
+"""Relative: pixels of zones of 20 to 80 pixels against their circles; measured 11 %."""
+
+STEP_OFF = 2.0**-23
+"""Of full scale: thresholds in float32 against equal steps; measured 2.8e-8."""
+
+MEAN_ESTIMATE = 5e-3
+"""Of the pixels of the part: mean of 40 estimates by samples of 700; measured 1.9e-3."""
+
+BUMP_DENT = 2e-4
+"""Of the light coordinate: what bump and dent deflect beside opposite amounts; measured 3.9e-5."""
+
+PATTERN_FLIPS = 1e-3
+"""Share of pixels where a rounded sum turns an electron, and so a grey level of one image; measured
+0 of 1,024."""
+
+WARPED_FLIPS = 1e-3
+"""Share of pixels where warped stripes of a flat part are not the stripes; measured 0."""
+
+WARPED_TIMES, WARPED_S = 8, 0.02
+"""Times a simple pattern's, and seconds: measured on llvmpipe and lavapipe 2 to 4 times; with
+trigonometry in each step 30 to 40."""

@@ -166,6 +166,14 @@ class LightMap(ABC):
             )
         return station
 
+    def under(self, station: Station) -> Station:
+        """Return the traced station under another's tunnel, sensor and sequence.
+
+        For sweeps, which see to the geometry: seeds of another part are not another one.
+        """
+        own = {name: getattr(station, name) for name in ("tunnel", "sensor", "sequence")}
+        return self.station.model_copy(update=own)
+
     def image_number(self, k: int, station: Station) -> int:
         """Return k, checked to be one of the sequence's images.
 
@@ -317,9 +325,7 @@ class _ImageCounter:
         """See :meth:`gpuspec.light.levels.LevelCounter.count`."""
         found = Levels.empty(len(stations), len(self.zones.sizes))
         for i, station in enumerate(stations):
-            # The sweep sees to the geometry; seeds of another part are not another one.
-            own = {name: getattr(station, name) for name in ("tunnel", "sensor", "sequence")}
-            image = self.light_map.aspect(self.light_map.station.model_copy(update=own))
+            image = self.light_map.aspect(self.light_map.under(station))
             found.put(np.array([i]), levels_of(image, self.zones, station.sensor.full_scale_dn))
         return found
 

@@ -74,7 +74,7 @@ class OpenCLCounter:
         scales = np.array([station.sensor.full_scale_dn for station in stations])
         closed = np.array([has_closed_form(s) for s in stations])
         for i in np.flatnonzero(~closed):
-            image = self._map.aspect(stations[int(i)])
+            image = self._map.aspect(self._map.under(stations[int(i)]))
             found.put(np.array([i]), levels_of(image, self._zones, scales[i]))
         whole = max(_STRETCH, self._sizes.max(initial=0))
         at_once = min(max(_AT_ONCE // whole, 1), _DESIGNS_MAX)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -15,7 +16,18 @@ from pathlib import Path
 
 import pytest
 import tifffile
-from commandline import PROGRAM, STATION, content, earlier_run, hidden, names, program, said
+from commandline import (
+    DEADLINE_S,
+    PROGRAM,
+    STATION,
+    Command,
+    content,
+    earlier_run,
+    hidden,
+    names,
+    program,
+    said,
+)
 
 import gpuspec
 from gpuspec import files
@@ -66,7 +78,9 @@ def test_simulate_writes_every_file_and_says_how_well_it_did(folder):
 
 def test_the_program_and_the_module_are_one_command(folder):
     script = Path(sys.executable).with_name("gpuspec")
-    shown = subprocess.run([script, "--version"], capture_output=True, text=True, check=True)
+    shown = subprocess.run(
+        [script, "--version"], capture_output=True, text=True, check=True, timeout=DEADLINE_S
+    )
     assert (
         shown.stdout == program("--version", cwd=folder).out == f"gpuspec {gpuspec.__version__}\n"
     )
@@ -116,7 +130,12 @@ def test_help_starts_without_the_libraries_that_simulate(folder):
     heavy = ["numpy", "scipy", "skimage", "matplotlib", "pyopencl", "tifffile", "pydantic", "PIL"]
     code = f"import sys, gpuspec.cli.main; print([n for n in {heavy} if n in sys.modules])"
     shown = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=folder
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=folder,
+        timeout=DEADLINE_S,
     )
     assert shown.stdout == "[]\n"
 
@@ -130,12 +149,18 @@ def test_the_schema_is_json_that_knows_every_section(gpuspec_):
 def test_a_reader_that_stops_listening_is_no_error(folder):
     command = " ".join(f"'{word}'" for word in [*PROGRAM, "schema"])
     done = subprocess.run(
-        f"{command} | head -n 1", shell=True, capture_output=True, text=True, cwd=folder
+        f"{command} | head -n 1",
+        shell=True,
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        timeout=DEADLINE_S,
     )
     assert done.stdout == "{\n"
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments",
     ["--help", "--version", "schema", "devices", "simulate --help", "study --help", "init new",
@@ -145,18 +170,29 @@ def test_a_reader_that_stops_listening_is_no_error(folder):
 def test_standard_output_that_is_full_is_said(folder, arguments):
     command = " ".join(f"'{word}'" for word in [*PROGRAM, *arguments.split()])
     done = subprocess.run(
-        f"{command} > /dev/full", shell=True, capture_output=True, text=True, cwd=folder
+        f"{command} > /dev/full",
+        shell=True,
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        timeout=DEADLINE_S,
     )
     assert done.returncode == 1
     assert done.stderr.startswith("error: standard output cannot be written: No space left")
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments", ["--help", "devices", "study height s.toml"])
 def test_a_reader_that_never_listened_is_no_error(folder, arguments):
     command = " ".join(f"'{word}'" for word in [*PROGRAM, *arguments.split()])
     done = subprocess.run(
-        f"{command} | exec 0<&-", shell=True, capture_output=True, text=True, cwd=folder
+        f"{command} | exec 0<&-",
+        shell=True,
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        timeout=DEADLINE_S,
     )
     assert (done.stdout, done.stderr) == ("", "")
 
@@ -482,6 +518,7 @@ def test_memory_that_runs_out_is_said_with_what_to_do(gpuspec_, monkeypatch):
     assert not Path("run").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["two words é 光", "[/b] [red]odd[/] :smile:", "-- dash"])
 def test_names_are_taken_and_shown_as_they_are(gpuspec_, name):
     station, output = Path(f"{name.replace('/', '')}.toml"), Path(f"out {name.replace('/', '')}")
@@ -515,9 +552,10 @@ def test_a_name_that_the_terminal_cannot_show_ends_no_run(folder):
 
 
 @pytest.fixture
-def no_platform() -> dict[str, str]:
+def no_platform(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """An environment in which the OpenCL loader finds no platform, the pip-installed ones too."""
-    return {"OCL_ICD_VENDORS": "/nonexistent", "OPENCL_VENDOR_PATH": "/nonexistent"}
+    absent = str(tmp_path_factory.mktemp("no") / "platform")  # in an empty one others are found
+    return {"OCL_ICD_VENDORS": absent, "OPENCL_VENDOR_PATH": absent}
 
 
 def test_without_an_opencl_platform_it_is_said_what_to_install(folder, no_platform):
@@ -535,6 +573,7 @@ def test_without_an_opencl_platform_auto_goes_on_and_says_so(folder, no_platform
     assert f"{taken} on " in ran.out
 
 
+@pytest.mark.slow
 def test_devices_shows_why_a_backend_is_absent(folder, no_platform):
     ran = program("devices", cwd=folder, env={**no_platform, "COLUMNS": "300"})
     assert ran.code == 0
@@ -576,6 +615,7 @@ def test_a_device_that_fails_is_said_in_a_sentence(gpuspec_, monkeypatch):
 # ----------------------------------------------------------------------------------- interrupted
 
 
+@pytest.mark.slow
 def test_a_long_calculation_is_stopped_within_seconds(folder):
     images = ("--set", "sequence.images=100000", "--set", "sensor.noise=true")
     process = subprocess.Popen(
@@ -591,6 +631,7 @@ def test_a_long_calculation_is_stopped_within_seconds(folder):
     assert hidden(folder) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("largest", "backend"), [(4_000, "numpy"), (60_000, "numpy")])
 def test_a_full_disk_leaves_an_earlier_run_whole(folder, largest, backend):
     # A process may write no file larger than this; below, tables fail; above, pictures do.
@@ -628,7 +669,7 @@ def long_run(folder: Path) -> Iterator[Callable[[str], subprocess.Popen[str]]]:
         given_up = time.monotonic() + 120
         # Two images of 600 x 300 pixels: by then its kernels are built, too.
         while not any(p.stat().st_size > 360_000 for p in folder.rglob(".gpuspec-*/frames.tif")):
-            assert process.poll() is None, process.communicate()
+            assert process.poll() is None, process.communicate(timeout=DEADLINE_S)
             assert time.monotonic() < given_up, "nothing was written"
             time.sleep(0.01)
         return process
@@ -636,9 +677,10 @@ def long_run(folder: Path) -> Iterator[Callable[[str], subprocess.Popen[str]]]:
     yield start
     for process in started:
         process.kill()
-        process.communicate()
+        process.communicate(timeout=DEADLINE_S)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "backend"), [(signal.SIGINT, "opencl"), (signal.SIGTERM, "numpy")]
 )
@@ -656,12 +698,13 @@ def test_a_stopped_run_leaves_nothing_behind(folder, long_run, number, backend):
     assert not hidden(folder)
 
 
+@pytest.mark.slow
 def test_a_killed_run_leaves_results_whole_and_the_next_run_tidies_up(folder, long_run, gpuspec_):
     before = content(folder)
     process = long_run("numpy")
     (partial,) = hidden(folder)
     process.kill()
-    process.communicate()
+    process.communicate(timeout=DEADLINE_S)
     assert partial.exists()
     assert {k: v for k, v in content(folder).items() if ".gpuspec-" not in k} == before
     assert gpuspec_("simulate", "s.toml", "--no-pictures", "--backend", "numpy").code == 0
@@ -669,12 +712,23 @@ def test_a_killed_run_leaves_results_whole_and_the_next_run_tidies_up(folder, lo
     assert Station.read("run/station.toml").sequence.images == 5
 
 
+@pytest.mark.slow
 def test_a_run_leaves_another_that_is_still_running_alone(folder, long_run, gpuspec_):
     process = long_run("numpy")
     (partial,) = hidden(folder)
     assert gpuspec_("simulate", "s.toml", "--no-pictures", "--backend", "numpy").code == 0
     assert hidden(folder) == [partial]
     assert process.poll() is None
+
+
+def test_the_printed_scores_are_those_that_are_written(gpuspec_: Command):
+    ran = gpuspec_("simulate", "s.toml", "--no-pictures", "--set",
+                   "segmentation.threshold=60")  # fmt: skip
+    score = json.loads(Path("run/score.json").read_text("utf-8"))["score"]
+    printed = [f"{score[name]:.3f}" for name in ("p1", "p2", "f1")]
+    assert len(set(printed)) == 3
+    for name, value in zip(("precision P1", "recall P2", "F1"), printed, strict=True):
+        assert re.search(rf"{name}\b.*\s{value}\s", ran.out), (name, value)
 
 
 def test_p2_is_undefined_for_the_reason_that_is_true(gpuspec_):

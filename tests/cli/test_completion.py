@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from commandline import DEADLINE_S
 
 GPUSPEC = Path(sys.executable).with_name("gpuspec")
 
@@ -16,7 +17,12 @@ def ran(*arguments: str, **words: str) -> str:
     """What the program answers, called by its name as a shell calls it."""
     environment = {**os.environ, **words}
     return subprocess.run(
-        [GPUSPEC, *arguments], capture_output=True, text=True, check=True, env=environment
+        [GPUSPEC, *arguments],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=environment,
+        timeout=DEADLINE_S,
     ).stdout
 
 
@@ -26,6 +32,7 @@ def completed(line: str) -> list[str]:
     return ran(COMP_WORDS=line, COMP_CWORD=place, _GPUSPEC_COMPLETE="complete_bash").split()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("line", "offered"),
     [

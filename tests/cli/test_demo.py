@@ -16,6 +16,7 @@ def first(opencl: OpenCLBackend) -> Result:
     return simulate(example("trim"), opencl)
 
 
+@pytest.mark.slow
 def test_the_demo_part_scores_the_same_on_every_backend(backend: Backend, first: Result):
     result = simulate(example("trim"), backend)
     assert result.threshold == first.threshold

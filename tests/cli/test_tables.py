@@ -39,8 +39,10 @@ def test_a_table_is_no_wider_than_the_terminal(
 ) -> None:
     print_table(ROWS, HEADS)
     lines = capsys.readouterr().out.splitlines()
-    if any("│" in line for line in lines):
-        assert max(map(len, lines)) <= width
+    drawn = any("│" in line for line in lines)
+    assert drawn == (width >= 60)
+    # Lines of "head: cell" in place of a table that does not fit may be longer.
+    assert not drawn or max(map(len, lines)) <= width
 
 
 def test_a_whole_column_stays_in_one_line(width: int, capsys: pytest.CaptureFixture[str]) -> None:

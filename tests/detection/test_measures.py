@@ -14,14 +14,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from skimage.measure import label as skimage_label
 from skimage.measure import regionprops_table
+from tolerances import BLOB, BLOB_ANGLE, NINE_DIGITS
 
 from gpuspec.detection.measures import Blobs, measure_blobs
-
-ROUNDING = 1e-9
-"""Bound on the relative rounding of float64 sums over a few hundred pixels, with room."""
-
-CANCELLATION = 1e-6
-"""Angles are recovered from differences of variances, which lose some digits."""
 
 
 def measured(
@@ -110,8 +105,8 @@ def test_the_part_frame_has_its_origin_at_the_centre_and_y_up() -> None:
     labels = np.zeros((4, 6))
     labels[0, 0], labels[3, 5] = 1, 2
     blobs = measured(labels, sampling_mm=0.1)
-    np.testing.assert_allclose(blobs.x_mm, [-0.25, 0.25], rtol=ROUNDING)
-    np.testing.assert_allclose(blobs.y_mm, [0.15, -0.15], rtol=ROUNDING)
+    np.testing.assert_allclose(blobs.x_mm, [-0.25, 0.25], rtol=BLOB)
+    np.testing.assert_allclose(blobs.y_mm, [0.15, -0.15], rtol=BLOB)
 
 
 def test_labels_may_have_gaps() -> None:
@@ -145,21 +140,21 @@ def test_measures_agree_with_scikit_image(seed: int) -> None:
     np.testing.assert_array_equal(blobs.area_px, expected["area"])
     for name, k in (("top", 0), ("left", 1), ("bottom", 2), ("right", 3)):
         np.testing.assert_array_equal(getattr(blobs, name), expected[f"bbox-{k}"])
-    np.testing.assert_allclose(blobs.area_mm2, expected["area"] * p**2, rtol=ROUNDING)
-    np.testing.assert_allclose(blobs.row, expected["centroid-0"], rtol=ROUNDING)
-    np.testing.assert_allclose(blobs.column, expected["centroid-1"], rtol=ROUNDING)
+    np.testing.assert_allclose(blobs.area_mm2, expected["area"] * p**2, rtol=BLOB)
+    np.testing.assert_allclose(blobs.row, expected["centroid-0"], rtol=BLOB)
+    np.testing.assert_allclose(blobs.column, expected["centroid-1"], rtol=BLOB)
     np.testing.assert_array_equal(blobs.peak_dn, expected["intensity_max"])
     np.testing.assert_allclose(
-        blobs.weight_dn, expected["intensity_mean"] * expected["area"], rtol=ROUNDING
+        blobs.weight_dn, expected["intensity_mean"] * expected["area"], rtol=BLOB
     )
     # scikit-image takes a pixel for a point: it leaves out the pixel's own 1/12 px².
     major, minor = (expected[f"inertia_tensor_eigvals-{k}"] for k in (0, 1))
-    np.testing.assert_allclose(blobs.major_mm, 4 * p * np.sqrt(major + 1 / 12), rtol=ROUNDING)
-    np.testing.assert_allclose(blobs.minor_mm, 4 * p * np.sqrt(minor + 1 / 12), rtol=ROUNDING)
+    np.testing.assert_allclose(blobs.major_mm, 4 * p * np.sqrt(major + 1 / 12), rtol=BLOB)
+    np.testing.assert_allclose(blobs.minor_mm, 4 * p * np.sqrt(minor + 1 / 12), rtol=BLOB)
     # scikit-image measures from the row axis, y down; the two differ by a quarter turn, modulo π.
     has_axis = major - minor > 1e-3 * major
     turn = blobs.orientation_rad - (expected["orientation"] + np.pi / 2)
-    np.testing.assert_allclose(np.sin(turn[has_axis]), 0, atol=CANCELLATION)
+    np.testing.assert_allclose(np.sin(turn[has_axis]), 0, atol=BLOB_ANGLE)
 
 
 def test_axes_far_from_the_origin_do_not_cancel() -> None:
@@ -167,7 +162,7 @@ def test_axes_far_from_the_origin_do_not_cancel() -> None:
     near[1, 1:4] = near[2, 2] = far[1, -4:-1] = far[2, -3] = 1
     for name in ("major_mm", "minor_mm"):
         np.testing.assert_allclose(
-            getattr(measured(far), name), getattr(measured(near), name), rtol=1e-10
+            getattr(measured(far), name), getattr(measured(near), name), rtol=BLOB
         )
 
 
@@ -188,8 +183,8 @@ def test_translation_moves_the_place_only(labels: np.ndarray, down: int, right: 
         np.testing.assert_allclose(
             getattr(moved, field.name),
             getattr(still, field.name) + shifts.get(field.name, 0),
-            rtol=ROUNDING,
-            atol=ROUNDING,
+            rtol=BLOB,
+            atol=BLOB,
         )
 
 
@@ -203,13 +198,13 @@ def test_transposition_exchanges_rows_and_columns(labels: np.ndarray) -> None:
         ("major_mm", "major_mm"), ("minor_mm", "minor_mm"),
     ):  # fmt: skip
         np.testing.assert_allclose(
-            getattr(blobs, name), getattr(transposed, other), rtol=ROUNDING, atol=ROUNDING
+            getattr(blobs, name), getattr(transposed, other), rtol=BLOB, atol=BLOB
         )
-    np.testing.assert_allclose(blobs.x_mm, -transposed.y_mm, atol=ROUNDING)
+    np.testing.assert_allclose(blobs.x_mm, -transposed.y_mm, atol=BLOB)
     # Rows run down and y up, so that transposing is a mirror across the falling diagonal.
     has_axis = blobs.elongation > 1 + 1e-6
     turn = blobs.orientation_rad + transposed.orientation_rad + np.pi / 2
-    np.testing.assert_allclose(np.sin(turn[has_axis]), 0, atol=CANCELLATION)
+    np.testing.assert_allclose(np.sin(turn[has_axis]), 0, atol=BLOB_ANGLE)
 
 
 @given(small_labels)
@@ -218,7 +213,7 @@ def test_every_measure_is_within_its_bounds(labels: np.ndarray) -> None:
     assert (blobs.orientation_rad > -np.pi / 2).all()
     assert (blobs.orientation_rad <= np.pi / 2).all()
     assert (blobs.elongation >= 1).all()
-    assert (blobs.minor_mm >= 4 / np.sqrt(12) - ROUNDING).all()
+    assert (blobs.minor_mm >= 4 / np.sqrt(12) - BLOB).all()
     assert (blobs.top <= blobs.row).all() and (blobs.row <= blobs.bottom - 1).all()
     assert (blobs.left <= blobs.column).all() and (blobs.column <= blobs.right - 1).all()
 
@@ -227,9 +222,9 @@ def test_every_measure_is_within_its_bounds(labels: np.ndarray) -> None:
 def test_lengths_scale_with_the_sampling(labels: np.ndarray, p: float) -> None:
     unit, scaled = measured(labels), measured(labels, sampling_mm=p)
     for name in ("x_mm", "y_mm", "major_mm", "minor_mm"):
-        np.testing.assert_allclose(getattr(scaled, name), p * getattr(unit, name), rtol=ROUNDING)
-    np.testing.assert_allclose(scaled.area_mm2, p**2 * unit.area_mm2, rtol=ROUNDING)
-    np.testing.assert_allclose(scaled.elongation, unit.elongation, rtol=ROUNDING)
+        np.testing.assert_allclose(getattr(scaled, name), p * getattr(unit, name), rtol=BLOB)
+    np.testing.assert_allclose(scaled.area_mm2, p**2 * unit.area_mm2, rtol=BLOB)
+    np.testing.assert_allclose(scaled.elongation, unit.elongation, rtol=BLOB)
 
 
 def test_weights_are_summed_in_float64() -> None:
@@ -237,7 +232,7 @@ def test_weights_are_summed_in_float64() -> None:
     blobs = measure_blobs(
         np.ones(aspect.shape, np.int32), aspect, sampling_mm=1, flawless_dn=float(aspect[0, 0])
     )
-    assert blobs.weight_dn[0] == pytest.approx(1e6 * float(aspect[0, 0]), rel=ROUNDING)
+    assert blobs.weight_dn[0] == pytest.approx(1e6 * float(aspect[0, 0]), rel=BLOB)
     assert blobs.net_weight_dn[0] == 0
 
 
@@ -256,7 +251,7 @@ def test_the_csv_reads_back_as_the_table(tmp_path: Path) -> None:
     assert {row["class"] for row in rows} == {"dent, or bump"}
     for column, name in (("row_px", "row"), ("x_mm", "x_mm"), ("weight_dn", "weight_dn")):
         np.testing.assert_allclose(
-            [float(row[column]) for row in rows], getattr(blobs, name), rtol=1e-8
+            [float(row[column]) for row in rows], getattr(blobs, name), rtol=NINE_DIGITS
         )
 
 

@@ -90,6 +90,13 @@ def test_an_unseen_defect_counts_and_is_not_hit() -> None:
     assert "no defect's zone has a pixel in the image" in none_seen.summary
 
 
+def test_a_single_detected_pixel_has_an_f1() -> None:
+    one = np.zeros_like(TRUTH)
+    one.flat[np.flatnonzero(TRUTH)[0]] = 1
+    s = score(one, TRUTH, EVERYWHERE, 2)
+    assert (s.p1, s.p2, s.f1) == (1, 1 / 8, pytest.approx(2 / 9))
+
+
 def test_a_blob_across_a_zone_and_its_surroundings_is_not_false() -> None:
     assert score(np.ones_like(TRUTH), TRUTH, EVERYWHERE, 2).false_blobs == 0
 

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from skimage.measure import label as skimage_label
+from tolerances import THRESHOLD_STEP_DN
 
 from gpuspec.detection.segmentation import automatic_threshold, flawless_level, segment
 
@@ -52,7 +53,7 @@ def test_on_a_noisy_background_the_threshold_is_seven_robust_sigmas_above() -> N
     aspect = np.array([[50, 60, 60, 70, 70, 80, 80, 90, 255]], np.float32)
     # Median 70; deviations 20 10 10 0 0 10 10 20 185, whose median is 10.
     threshold = automatic_threshold(aspect, aspect > 0, full_scale_dn=255, images=1000)
-    assert threshold == pytest.approx(70 + 7 * 14.826, abs=0.125)
+    assert threshold == pytest.approx(70 + 7 * 14.826, abs=THRESHOLD_STEP_DN)
     assert threshold >= 70 + 7 * 14.826
 
 
@@ -60,7 +61,7 @@ def test_defects_on_a_third_of_the_part_hardly_move_the_threshold() -> None:
     aspect = np.full((30, 30), 60.0, np.float32)
     aspect[:10] = 200
     threshold = automatic_threshold(aspect, aspect > 0, full_scale_dn=255, images=100)
-    assert threshold == pytest.approx(60 + 0.02 * 255, abs=0.125)
+    assert threshold == pytest.approx(60 + 0.02 * 255, abs=THRESHOLD_STEP_DN)
 
 
 def test_invalid_pixels_move_no_threshold() -> None:

@@ -72,6 +72,7 @@ def test_the_check_values_of_the_model_are_met_with_2_x_2_sub_rays(
     assert aspect.max() == pytest.approx(maximum, abs=TABLE_MAXIMUM_DN)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("pupil", "sigma", "depth", "exposure"), [row[:4] for row in TABLE])
 def test_one_footprint_per_pixel_is_close_to_4096_rays(
     opencl, truths, pupil, sigma, depth, exposure
@@ -91,6 +92,7 @@ def test_2_x_2_sub_rays_are_closer_to_4096_rays(opencl, truths, pupil, sigma, de
     assert worst <= SUB_RAYS_MAX_DN
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", OTHERS)
 def test_every_kind_of_scene_is_close_to_4096_rays(opencl, name):
     station = check_station(sigma=0.2, depth=0.006).replace(**OTHERS[name])
@@ -100,6 +102,7 @@ def test_every_kind_of_scene_is_close_to_4096_rays(opencl, name):
     assert worst <= ONE_FOOTPRINT_MAX_DN
 
 
+@pytest.mark.slow
 def test_a_bent_scratch_is_farther_from_4096_rays_only_at_its_vertices(opencl):
     # The groove's slope has a crease inside the bend, its curvature a jump at each rounded end:
     # one footprint cannot know what a pixel across them sees.
@@ -120,6 +123,7 @@ def test_the_oracle_sees_a_wrong_tunnel_height(opencl):
     assert rms > 2 * ONE_FOOTPRINT_RMS_DN
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", [0, 13])
 def test_a_single_image_is_close_to_4096_rays_away_from_transitions(opencl, k):
     station = check_station()

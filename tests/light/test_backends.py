@@ -69,6 +69,34 @@ def launches_of(device: OpenCLBackend, monkeypatch: pytest.MonkeyPatch) -> Count
     return counted
 
 
+@pytest.mark.parametrize("rays", [1, 3])
+def test_a_tile_takes_no_more_memory_than_it_may(device_backend, rays, monkeypatch):
+    """Bytes reserved while one tile is traced, of all its sub-rays."""
+    station, limit = check_station(camera__subsampling=rays), 20_000
+    short = type(device_backend)(memory_bytes=limit)
+    light_map = short.trace(station)
+    assert 1 < light_map.tiles < station.shape[0]
+    reserved = []
+
+    def watched(name, size):
+        real = getattr(short, name)
+
+        def call(*arguments):
+            reserved.append(size(*arguments))
+            return real(*arguments)
+
+        monkeypatch.setattr(short, name, call)
+
+    if hasattr(short, "target"):  # a texture of so many components, four bytes each
+        watched("target", lambda shape, components, dtype="f4": 4 * np.prod(shape) * components)
+    else:
+        watched("empty", lambda size: size)
+    with light_map.failures():
+        next(iter(light_map.bands()))
+    assert 0 < sum(reserved) <= limit
+    assert sum(reserved) > limit / 5  # nor is it cut into far smaller ones
+
+
 @pytest.mark.parametrize("noise", [False, True])
 @pytest.mark.parametrize("subsampling", [1, 2])
 def test_work_is_done_launch_by_launch_with_the_same_result_to_the_bit(
@@ -227,6 +255,11 @@ def test_a_light_map_comes_home_as_arrays_of_the_image(backend):
 @pytest.mark.parametrize(("wanted", "number"), [(None, 0), ("1", 1), ("radeon", 1), ("GeForce", 0)])
 def test_a_device_is_chosen_by_number_or_by_part_of_its_name(wanted, number):
     assert chosen("vulkan", ["NVIDIA GeForce", "AMD Radeon"], wanted) == number
+
+
+def test_a_number_is_a_device_s_own_and_not_one_of_its_name():
+    assert chosen("vulkan", ["GeForce GTX 1080", "GeForce GTX 0"], "1") == 1
+    assert chosen("vulkan", ["GeForce GTX 1080", "GeForce GTX 0"], "gtx 0") == 1
 
 
 @pytest.mark.parametrize("wanted", ["2", "-1", "²", "intel"])

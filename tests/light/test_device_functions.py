@@ -1069,6 +1069,7 @@ def test_the_mean_over_a_scan_is_the_mean_of_the_saturated_images(device: Device
     assert not got[80:90].any()
 
 
+@pytest.mark.slow
 @holds("highest_mean_over_scan", wrong=("t.centre = t.reach - min", "t.centre = 0.0f * min"))
 def test_no_light_coordinate_has_a_higher_mean_over_a_scan(device: Device) -> None:
     s = Stripes(29)
@@ -1692,6 +1693,7 @@ def test_every_device_function_has_a_law_here() -> None:
     assert sorted(functions) == sorted(LAWS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("function", sorted(LAWS))
 def test_a_law_fails_where_its_function_is_wrong(function: str) -> None:
     law, wrong = LAWS[function]

@@ -311,6 +311,7 @@ def test_each_kernel_file_may_have_a_width_of_its_own(file, opencl):
 # ------------------------------------------------------------------------- PoCL and unknown CPUs
 
 
+@pytest.mark.slow
 def test_the_test_process_really_has_an_unknown_cpu(tmp_path):
     told = program(
         "devices", "--json", cwd=tmp_path, env={**UNKNOWN_CPU, pocl.SWITCH: "off"}
@@ -338,6 +339,7 @@ def test_pocl_computes_on_the_least_cpu_too_if_without_vectors(tmp_path):
     assert "for x86-64" in ran.out
 
 
+@pytest.mark.slow
 def test_without_the_repair_the_next_backend_is_taken_and_named(tmp_path):
     ran = program("demo", *QUICK, cwd=tmp_path, env={**UNKNOWN_CPU, pocl.SWITCH: "off"})
     assert ran.code == 0, ran.err
@@ -349,6 +351,7 @@ def test_without_the_repair_the_next_backend_is_taken_and_named(tmp_path):
     assert score["backend"] == BACKENDS[1]
 
 
+@pytest.mark.slow
 def test_without_the_repair_opencl_by_name_is_an_error_that_says_what_else_there_is(tmp_path):
     told = said(
         program(
@@ -493,11 +496,13 @@ def small(monkeypatch):
     monkeypatch.setattr(proof, "ask", ask)
 
 
+@pytest.mark.slow
 def test_a_device_is_tested_in_a_process_of_its_own(opencl):
     found = proof.ask("test", open_backend("opencl"), opencl.candidates()[0])
     assert set(found["ms"]) == set(ROWS)
 
 
+@pytest.mark.slow
 def test_a_tests_report_holds_every_device_and_what_it_takes(gpuspec_, small, forgotten):
     ran = gpuspec_("devices", "--test", "--json")
     assert ran.code == 0, ran.err

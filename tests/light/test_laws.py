@@ -7,7 +7,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scenes import check_station
-from tolerances import EQUAL_MEAN_DN, POINT_SAMPLED_DN, SIGNATURE_WIDTH, SYMMETRY_MM
+from tolerances import (
+    BUMP_DENT,
+    EQUAL_MEAN_DN,
+    HANDBOOK_PERCENT,
+    POINT_SAMPLED_DN,
+    SIGNATURE_WIDTH,
+    SYMMETRY_MM,
+)
 
 from gpuspec.light.backend import Backend
 from gpuspec.simulation.simulate import simulate
@@ -77,7 +84,7 @@ def test_a_bump_is_a_dent_seen_from_the_other_side_of_the_light(backend):
     bump = dent.replace(defects=[{**data, "kind": "bump"}])
     flat = dent.replace(defects=[])
     light = [backend.trace(s).read().light_mm[0] for s in (dent, bump, flat)]
-    assert np.abs(light[0] + light[1] - 2 * light[2]).max() < 0.01 * np.abs(light[0]).max()
+    assert np.abs(light[0] + light[1] - 2 * light[2]).max() < BUMP_DENT * np.abs(light[0]).max()
 
 
 def test_a_mirrored_part_gives_the_mirrored_light_map(backend):
@@ -124,3 +131,15 @@ def test_nothing_is_detected_on_a_flawless_part(opencl: Backend, data):
     assert len(result.blobs) == 0
     assert result.score.p1 == 1
     assert result.score.p2 is None
+
+
+@pytest.mark.parametrize(
+    ("material", "percent"),
+    [("ideal", 100), ("aluminium", 92), ("silver", 98), ("gold", 79), ("copper", 63),
+     ("chromium", 56), ("nickel", 64), ("iron", 52), ("lacquer", 4)],
+)  # fmt: skip
+def test_metals_reflect_what_handbooks_say(backend, material: str, percent: float):
+    """Straight down, near 550 nm: R = ((n - 1)^2 + k^2) / ((n + 1)^2 + k^2), in percent."""
+    station = check_station(part__material=material, camera__sampling_mm=0.001)
+    seen = backend.trace(station).read().irradiance[0]
+    assert 100 * seen.mean() == pytest.approx(percent, abs=HANDBOOK_PERCENT)

@@ -83,7 +83,7 @@ def test_a_device_agrees_with_the_float64_reference(device_backend: Backend, nam
 
 
 @pytest.mark.parametrize("images", [1, 5, 40, 77, 400])
-@pytest.mark.parametrize("leak", [0.0, 0.3])
+@pytest.mark.parametrize("leak", [0.0, 0.1, 0.3])
 def test_the_closed_form_is_the_mean_of_the_images(backend, images, leak):
     station = check_station(sequence__images=images, tunnel__dark_leak=leak)
     light_map = backend.trace(station)
@@ -96,6 +96,12 @@ def test_several_periods_in_equal_steps_have_the_closed_form_too(backend):
     assert station.distinct_shifts == 8
     light_map = backend.trace(station)
     assert np.abs(light_map.closed_form() - light_map.mean()).max() < DEVICE_DN
+
+
+@pytest.mark.parametrize("step", [1e-12, 0.3, 17.0])
+def test_no_whole_period_has_no_closed_form(step: float):
+    station = check_station(sequence__images=40, sequence__step_mm=step)
+    assert station.distinct_shifts is None
 
 
 @pytest.mark.parametrize("noise", [False, True])
@@ -163,6 +169,66 @@ def test_each_reason_of_loss_is_where_it_must_be(backend):
     assert not (lost[:, x < 0] == 2).any()
 
 
+@pytest.mark.parametrize("side", [2, 3])
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"tunnel.length_mm": 9.0},
+        {"tunnel.opening_length_mm": 30.0, "tunnel.opening_width_mm": 5.0},
+        {"tunnel.length_mm": 9.0, "tunnel.opening_length_mm": 7.0, "tunnel.opening_width_mm": 9.0},
+    ],
+    ids=["past the end", "opening", "all"],
+)
+def test_a_pixel_is_seen_if_any_sub_ray_is_else_lost_for_the_largest_reason(
+    backend, side: int, changes: dict[str, Any]
+):
+    """On a flat part, every sub-ray worked out by hand; the outer pixels lie half beside it."""
+    station = Station.from_dict(
+        {
+            "part": {"length_mm": 9.2, "width_mm": 4.1},
+            "tunnel": {"height_mm": 100.0},
+            "camera": {"height_mm": 800.0, "sampling_mm": 1.0, "subsampling": side, "columns": 10,
+                       "rows": 5},
+        }
+    ).replace(**changes)  # fmt: skip
+    part, tunnel = station.part, station.tunnel
+    sub = (np.arange(side) + 0.5) / side
+    x = ((np.arange(10)[:, None] + sub) - 5.0).ravel()[None, :]
+    y = (2.5 - (np.arange(5)[:, None] + sub)).ravel()[:, None]
+    across = (np.abs(x) * 1.125 <= tunnel.opening_length_mm / 2) & (
+        np.abs(y) * 1.125 <= tunnel.opening_width_mm / 2
+    )
+    why = np.where(across & (tunnel.opening_length_mm > 0), 4, 0)
+    why = np.where(np.abs(x) * 1.125 > tunnel.length_mm / 2, 3, why)
+    why = np.where((np.abs(x) > part.length_mm / 2) | (np.abs(y) > part.width_mm / 2), 1, why)
+    rays = why.reshape(5, side, 10, side).swapaxes(1, 2).reshape(5, 10, -1)
+    want = np.where((rays == 0).any(axis=-1), 0, rays.max(axis=-1))
+    # Pixels whose sub-rays differ, those lost altogether with the largest reason first and last.
+    least, largest = rays.min(axis=-1), rays.max(axis=-1)
+    differ = (least > 0) & (least < largest)
+    assert (rays[..., 0] == largest)[differ].any()
+    assert (rays[..., -1] == largest)[differ].any()
+    assert np.array_equal(backend.trace(station).lost(), want)
+
+
+def test_the_opening_is_cut_out_of_the_top_of_a_box_and_not_out_of_its_walls(backend):
+    station = Station.from_dict(
+        {
+            "part": {"length_mm": 20.0, "width_mm": 29.0},
+            "tunnel": {"section": "box", "height_mm": 100.0, "width_mm": 30.0,
+                       "opening_length_mm": 9.0, "opening_width_mm": 31.0},
+            "camera": {"height_mm": 800.0, "sampling_mm": 0.5},
+        }
+    )  # fmt: skip
+    rows, columns = station.shape
+    x = (np.arange(columns) + 0.5 - columns / 2)[None, :] * 0.5
+    y = (rows / 2 - np.arange(rows) - 0.5)[:, None] * 0.5
+    top = np.abs(y) * 1.125 <= 15.0  # beyond, the mirrored ray meets a wall below the top
+    under = np.abs(x) * 1.125 <= 4.5
+    assert (under & ~top).any()
+    assert np.array_equal(backend.trace(station).lost(), np.where(top & under, 4, 0))
+
+
 def test_a_lost_pixel_is_dark(backend):
     station = scene("short tunnel")
     light_map = backend.trace(station)
@@ -178,6 +244,7 @@ ANOTHER_GEOMETRY: dict[str, tuple[dict[str, Any], str]] = {
     "image": ({"camera.columns": 30}, "camera.columns is 30 and was 32"),
     "part": ({"part.material": "gold"}, "part.material is gold and was ideal"),
     "defects": ({"defects[1].depth_um": 9.0}, "its defects are others than those traced"),
+    "populations": ({"populations": POPULATIONS[:1]}, "its populations are others than those"),
 }
 
 

@@ -124,6 +124,7 @@ def test_random_words_never_change(counter: tuple[int, ...], device: Device) -> 
     assert (words == np.array(KNOWN[counter], np.uint32)[:, None]).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", AXES)
 def test_uniform_numbers_fill_256_bins_evenly_along_every_counter(
     axis: str, device: Device
@@ -167,6 +168,7 @@ def test_neighbouring_pixels_images_seeds_and_words_are_uncorrelated(device: Dev
 # --------------------------------------------------------------------------------- distributions
 
 
+@pytest.mark.slow
 def test_normal_numbers_are_normal(device: Device) -> None:
     axes = counters(column=np.arange(MANY) % 1024, row=np.arange(MANY) // 1024, image=1, seed=2)
     code = "Normals n = normal_numbers(w.b, w.c);"
@@ -197,6 +199,7 @@ def poisson_numbers(device: Device, mu: float, seed: int) -> Array:
     return numbers(device, code, ("n",), **inputs)[0].astype(np.float64)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mu", [0.05, 0.5, 3, 10, 15.9])
 def test_few_electrons_follow_poisson_exactly(mu: float, device: Device) -> None:
     sample = poisson_numbers(device, mu, 3)
@@ -211,6 +214,7 @@ def test_few_electrons_follow_poisson_exactly(mu: float, device: Device) -> None
     assert chi2.sf(square, len(counts) - 1) > tolerances.P_VALUE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mu", [0.05, 0.5, 3.0, 7.0, 15.9])
 def test_every_uniform_number_there_is_gives_its_quantile_of_poisson(
     mu: float, device: Device
@@ -226,6 +230,7 @@ def test_every_uniform_number_there_is_gives_its_quantile_of_poisson(
     assert n.max() <= poisson.isf(2.0**-24, mu) + 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mu", [16.0, 16.5, 20.0, 50.0, 300.0, 10_000.0])
 def test_many_electrons_have_poissons_mean_and_variance(mu: float, device: Device) -> None:
     sample = poisson_numbers(device, mu, 4)
@@ -282,6 +287,7 @@ def field(request: pytest.FixtureRequest) -> LightMap:
     return open_backend(request.param).trace(flat_field())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exposure", [0.0003, 0.003, 0.05, 0.5, 0.9])
 @pytest.mark.parametrize(("bits", "black"), [(8, 20.0), (10, 60.0), (12, 100.0), (16, 1000.0)])
 def test_grey_levels_have_emvas_mean_and_variance(
@@ -418,6 +424,7 @@ def everything(light: LightMap, station: Station) -> dict[str, NDArray[Any]]:
     return results
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("subsampling", [1, 2])
 @pytest.mark.parametrize("noise", [True, False])
 def test_tiles_change_no_bit(subsampling: int, noise: bool, device_backend: Backend) -> None:
@@ -446,12 +453,30 @@ def test_rows_wider_than_a_texture_wrap_and_change_no_bit(subsampling: int) -> N
                 np.testing.assert_array_equal(array, whole[name], err_msg=name)
 
 
+def test_a_pixel_has_no_dark_signal_below_zero(device_backend: Backend) -> None:
+    """DSNU wider than the dark signal is cut off there; what the light adds is not taken from."""
+    station = flat_field(
+        sensor__exposure=0.002, sensor__dark_e=10.0, sensor__dsnu_e=60.0,
+        sensor__read_noise_e=0.0, sensor__black_level_dn=100.0,
+    )  # fmt: skip
+    grey = device_backend.trace(station).image(1).astype(np.float64)
+    electrons = (grey - 100) / station.sensor.gain_dn_per_e
+    dark = 10 * norm.cdf(10 / 60) + 60 * norm.pdf(10 / 60)
+    square = (10**2 + 60**2) * norm.cdf(10 / 60) + 10 * 60 * norm.pdf(10 / 60)
+    step = 1 / station.sensor.gain_dn_per_e
+    variance = square - dark**2 + 20 + dark + step**2 / 12
+    assert abs(z_mean(electrons, 20 + dark, variance)) < tolerances.SIGMAS
+    share, _ = flips(grey, NumpyBackend().trace(station).image(1))
+    assert share <= tolerances.FLAT_FLIPS
+
+
 def flips(first: NDArray[Any], second: NDArray[Any]) -> tuple[float, float]:
     """Share of pixels that differ, and the largest difference in DN."""
     gap = np.abs(first.astype(np.float64) - second)
     return float((gap > 0).mean()), float(gap.max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DEVICES)
 @pytest.mark.parametrize("exposure", [0.0005, 0.003, 0.5, 0.95])
 def test_backends_make_the_same_noise_but_for_rare_flips_of_one_grey_level(

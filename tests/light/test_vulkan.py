@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import wgpu
 import wgpu.backends.wgpu_native  # now: importing it later replaces wgpu.gpu
+from commandline import DEADLINE_S
 from scenes import check_station
 
 from gpuspec.errors import BackendError
@@ -108,13 +109,18 @@ def test_a_machine_without_drivers_gets_a_sentence():
     )
     none = {"VK_ICD_FILENAMES": os.devnull, "VK_DRIVER_FILES": os.devnull}
     ran = subprocess.run(
-        [sys.executable, "-c", code], env={**os.environ, **none}, capture_output=True, text=True
+        [sys.executable, "-c", code],
+        env={**os.environ, **none},
+        capture_output=True,
+        text=True,
+        timeout=DEADLINE_S,
     )
     assert ran.returncode == 0, ran.stderr
     assert "no Vulkan loader or device found" in ran.stdout
     assert "apt install" in ran.stdout
 
 
+@pytest.mark.slow
 def test_opening_is_silent_and_leaves_the_environment_alone():
     code = (
         "import os, gpuspec.light.devices as b; before = dict(os.environ)\n"
@@ -122,7 +128,9 @@ def test_opening_is_silent_and_leaves_the_environment_alone():
         "assert dict(os.environ) == before"
     )
     env = {name: value for name, value in os.environ.items() if name != "XDG_RUNTIME_DIR"}
-    ran = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True)
+    ran = subprocess.run(
+        [sys.executable, "-c", code], env=env, capture_output=True, text=True, timeout=DEADLINE_S
+    )
     assert (ran.returncode, ran.stdout, ran.stderr) == (0, "", "")
 
 

@@ -110,6 +110,7 @@ def test_a_seed_gives_for_ever_the_part_it_gave_first():
     np.testing.assert_allclose(line.points_mm, FROZEN_SCRATCH, atol=PLACED_MM)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spacing", [0.0, 0.3])
 def test_zones_stay_on_the_part_and_clear_of_each_other(spacing: float):
     placed = place(station(DENTS, BUMPS, SCRATCHES, defects=FIXED, spacing_mm=spacing))
@@ -133,6 +134,7 @@ def test_as_many_are_asked_for_as_are_placed():
         assert asked_for(chosen) == len(place(chosen))
 
 
+@pytest.mark.slow
 def test_a_hundred_thousand_of_very_different_sizes_are_placed_in_seconds():
     sizes = {"median": 0.03, "spread": 2.0}
     many = station({**DENTS, "count": 100_000, "diameter_mm": sizes}, size=(200.0, 50.0))

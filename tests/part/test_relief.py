@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scenes import members, part_with
-from tolerances import DEVICE_DN, FOOTPRINT_SHARE, LIGHT_MM, RECORD_PX, VOLUME
+from tolerances import DEVICE_DN, FLOAT_ROUNDING, FOOTPRINT_SHARE, LIGHT_MM, RECORD_PX, VOLUME
 
 from gpuspec.errors import StationError
 from gpuspec.light.float64_backend import NumpyBackend
@@ -216,11 +216,11 @@ def test_records_give_positions_back_far_from_the_origin():
     got = [record[f"{axis}"] + record[f"{axis}_fraction"] for axis in ("column", "row")]
     assert np.abs(np.transpose(got) - want).max() < RECORD_PX
     assert np.abs(want).max() > 46_000
-    np.testing.assert_allclose(record["along_x"], 9 * [0.37], rtol=1e-6)
-    np.testing.assert_allclose(record["along_y"], 9 * [-0.11], rtol=1e-6)
+    np.testing.assert_allclose(record["along_x"], 9 * [0.37], rtol=FLOAT_ROUNDING)
+    np.testing.assert_allclose(record["along_y"], 9 * [-0.11], rtol=FLOAT_ROUNDING)
     length = np.hypot(0.37, 0.11)
-    np.testing.assert_allclose(record["inverse_square"], 9 * [length**-2], rtol=1e-6)
-    np.testing.assert_allclose(record["inverse_length"], 9 * [1 / length], rtol=1e-6)
+    np.testing.assert_allclose(record["inverse_square"], 9 * [length**-2], rtol=FLOAT_ROUNDING)
+    np.testing.assert_allclose(record["inverse_length"], 9 * [1 / length], rtol=FLOAT_ROUNDING)
     np.testing.assert_array_equal(record["defect"], np.arange(9))
 
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from maps import grid, pit, write_sur
 from scenes import part_with
-from test_topography import grid, pit, write_sur
-from tolerances import SEEN_POINT_MM, ZONE_AREA
+from tolerances import PIT_DEPTH, PIT_SIZE_PITCHES, SEEN_POINT_MM, SMALL_ZONE_AREA, ZONE_AREA
 
 from gpuspec.part.relief import Relief
 from gpuspec.part.truth import ZONE, Truth
@@ -181,7 +181,7 @@ def test_a_population_has_zones_that_can_be_counted():
     found = truth(station)
     pixels = np.bincount(found.labels.ravel(), minlength=301)[1:]
     size = np.array([d.size_mm for d in found.defects])
-    assert np.abs(pixels * 0.2**2 / (np.pi / 4 * size**2) - 1).max() < 0.2
+    assert np.abs(pixels * 0.2**2 / (np.pi / 4 * size**2) - 1).max() < SMALL_ZONE_AREA
     assert np.abs(pixels.sum() * 0.2**2 / (np.pi / 4 * size**2).sum() - 1) < ZONE_AREA
 
 
@@ -226,10 +226,10 @@ def test_pits_of_a_measured_relief_are_numbered_and_sized(folder):
     for centre, sigma, depth in PITS:
         _, known = nearest(found, centre)
         assert (known.x_mm, known.y_mm) == pytest.approx(centre, abs=PITCH)
-        assert known.depth_um == pytest.approx(depth, rel=0.2)
+        assert known.depth_um == pytest.approx(depth, rel=PIT_DEPTH)
         # Below 0.4 um: r = sigma sqrt(2 ln(depth / 0.4)), in whole points.
         assert known.size_mm == pytest.approx(
-            2 * sigma * np.sqrt(2 * np.log(depth / 0.4)), abs=1.2 * PITCH
+            2 * sigma * np.sqrt(2 * np.log(depth / 0.4)), abs=PIT_SIZE_PITCHES * PITCH
         )
 
 
@@ -253,6 +253,18 @@ def test_a_pit_smaller_than_a_pixel_still_has_one(folder, sampling: float):
         number, _ = nearest(found, centre)
         home = (np.abs(x - centre[0]) < sampling / 2) & (np.abs(y - centre[1]) < sampling / 2)
         assert (found.labels[home] == number).all()
+
+
+def test_points_that_touch_at_a_corner_are_one_pit(folder):
+    """A scratch aslant is one defect, whatever the grid it was measured on."""
+    heights = np.zeros((100, 120))
+    heights[40 + np.arange(9), 50 + np.arange(9)] = -0.001
+    heights[60, 50] = -0.001
+    write_sur(folder / "x.sur", heights, pitch_mm=(PITCH, PITCH))
+    found = truth(measured(folder))
+    assert [d.kind for d in found.defects] == 2 * ["pit"]
+    sizes = sorted(d.size_mm for d in found.defects)
+    assert sizes == pytest.approx([2 * PITCH / np.sqrt(np.pi), 6 * PITCH / np.sqrt(np.pi)])
 
 
 def test_a_relief_without_stated_zones_holds_no_known_defect(folder):
@@ -302,9 +314,9 @@ def test_a_measured_defects_zone_is_where_its_patch_lies(folder):
     for centre, sigma, depth in PITS:
         _, known = nearest(found, (2.0 + centre[0], -1.5 + centre[1]))
         assert (known.x_mm - 2.0, known.y_mm + 1.5) == pytest.approx(centre, abs=PITCH)
-        assert known.depth_um == pytest.approx(depth, rel=0.2)
+        assert known.depth_um == pytest.approx(depth, rel=PIT_DEPTH)
         assert known.size_mm == pytest.approx(
-            2 * sigma * np.sqrt(2 * np.log(depth / 0.4)), abs=1.2 * PITCH
+            2 * sigma * np.sqrt(2 * np.log(depth / 0.4)), abs=PIT_SIZE_PITCHES * PITCH
         )
 
 

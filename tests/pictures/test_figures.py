@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.text import Text
 from PIL import Image
+from tolerances import POOLED, SHOWN_DN, TO_SCALE
 
 from gpuspec.arrays import LOST, pooled
 from gpuspec.detection.score import score
@@ -142,6 +143,7 @@ def colour_at(figure: Figure, result: Result, x_mm: float, y_mm: float) -> np.nd
     return image[row - 1 : row + 2, column - 1 : column + 2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("draw", FIGURES, ids=lambda draw: draw.__name__)
 def test_every_picture_of_every_station_is_legible_and_without_a_warning(
     draw, result: Result
@@ -156,6 +158,7 @@ def test_every_picture_of_every_station_is_legible_and_without_a_warning(
     check_legible(figure)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("draw", [aspect_picture, detection_picture, lost_picture, sequence_strip])
 @pytest.mark.parametrize("part", [(5.0, 300.0), (300.0, 5.0), (24.0, 8.0)], ids=str)
 def test_a_part_of_any_proportions_is_drawn_to_scale(draw, part) -> None:
@@ -312,7 +315,7 @@ def test_reducing_keeps_the_mean_and_the_maximum_where_the_image_does_not_divide
     blocks = [[image[r : r + 3, c : c + 3] for c in range(0, 11, 3)] for r in range(0, 7, 3)]
     for by, expected in ((np.add, np.mean), (np.maximum, np.max), (np.minimum, np.min)):
         wanted = [[expected(block) for block in row] for row in blocks]
-        np.testing.assert_allclose(pooled(image, 3, by), wanted, rtol=1e-6)
+        np.testing.assert_allclose(pooled(image, 3, by), wanted, rtol=POOLED)
 
 
 def test_the_scale_bar_has_the_length_it_says(reduced: Result) -> None:
@@ -391,9 +394,10 @@ def test_the_animation_shows_the_image_in_grey(reduced: Result) -> None:
     image = reduced.light_map.image(0)
     mean = image.reshape(150, 4, 600, 4).mean(axis=(1, 3))
     inner = np.s_[1:-1, 1:-1]
-    np.testing.assert_allclose(shown[inner], mean[inner], atol=4.5)
+    np.testing.assert_allclose(shown[inner], mean[inner], atol=SHOWN_DN)
 
 
+@pytest.mark.slow
 def test_every_file_of_a_run_is_written(reduced: Result, tmp_path) -> None:
     for name, write in PICTURES.items():
         write(reduced, tmp_path / name)
@@ -413,7 +417,7 @@ def test_the_station_is_drawn_to_scale() -> None:
     for ax in (whole, across, closer):
         box = ax.get_window_extent()
         (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
-        assert box.width / (right - left) == pytest.approx(box.height / (high - low), rel=1e-6)
+        assert box.width / (right - left) == pytest.approx(box.height / (high - low), rel=TO_SCALE)
         scales.append(box.width / (right - left))
     assert scales[0] == pytest.approx(scales[1])
     assert whole.get_ylim()[1] > station.camera.height_mm

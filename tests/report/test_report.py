@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 import tifffile
 from commandline import names
+from maps import polished, write_sur
 from PIL import Image
-from test_topography import polished, write_sur
+from tolerances import FOUR_DIGITS, NINE_DIGITS, PLACES
 
 import gpuspec
 from gpuspec import files
@@ -150,7 +151,7 @@ def test_the_table_of_blobs_is_that_of_the_result(result, written):
         assert len(row) == len(blob)
         for key, value in blob.items():
             given = row.get(key, row.get(f"{key}_px"))
-            assert float(given) == pytest.approx(value, rel=1e-8)
+            assert float(given) == pytest.approx(value, rel=NINE_DIGITS)
 
 
 def test_the_table_of_defects_is_that_of_the_score(result, written):
@@ -159,7 +160,9 @@ def test_the_table_of_defects_is_that_of_the_score(result, written):
     assert [row["kind"] for row in rows] == ["dent", "scratch", "bump"]
     for number, (row, defect) in enumerate(zip(rows, result.defects, strict=True), 1):
         for key in ("x_mm", "y_mm", "size_mm", "length_mm", "depth_um"):
-            assert float(row[key]) == pytest.approx(getattr(defect, key), rel=1e-3, abs=1e-4)
+            assert float(row[key]) == pytest.approx(
+                getattr(defect, key), rel=FOUR_DIGITS, abs=PLACES
+            )
         zone = result.truth == number
         assert int(row["zone_px"]) == zone.sum()
         assert int(row["hit_px"]) == (zone & (result.labels > 0)).sum()
@@ -197,6 +200,7 @@ def test_the_station_is_kept_with_every_default(result, written):
     assert "roughness_rad = 0.0" in (written / "station.toml").read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_a_moved_run_runs_again_without_what_it_was_made_from(tmp_path, monkeypatch):
     home = tmp_path / "my stations"
     home.mkdir()
@@ -251,6 +255,7 @@ def test_the_animation_moves(written):
         assert not np.array_equal(first, np.asarray(picture.convert("L")))
 
 
+@pytest.mark.slow
 def test_a_folder_never_mixes_two_runs(result, tmp_path):
     write(result, tmp_path, frames=True)
     write(result, tmp_path, frames=False, pictures=False)
@@ -417,6 +422,7 @@ def test_force_replaces_what_is_in_the_way_and_deletes_nothing(result, tmp_path)
     assert Station.read(tmp_path / "station.toml").as_dict() == result.station.as_dict()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["station.toml", "aspect.png"])
 def test_what_was_changed_since_the_run_is_the_users(result, tmp_path, name):
     write(result, tmp_path)
@@ -525,12 +531,28 @@ for _ in range(1 if moves else 30):
 """
 
 
+@pytest.mark.parametrize("name", ["../mine.txt", "one/two/mine.txt", "one/../../mine.txt"])
+def test_a_manifest_that_names_files_elsewhere_removes_none(tmp_path, name):
+    """Only what lies in the folder, or in one of its own, can be an earlier run's."""
+    folder = tmp_path / "run"
+    (folder / "one" / "two").mkdir(parents=True)
+    mine_ = folder / name
+    mine_.write_text("mine", encoding="utf-8")
+    entry = {"of": {}, "files": {name: [files.digest(mine_)], "old.txt": []}}
+    (folder / MANIFEST).write_text(json.dumps({"run": entry}), encoding="utf-8")
+    with Outputs(folder, "run", ("new.txt",)).writing() as partial:
+        (partial / "new.txt").write_text("new", encoding="utf-8")
+    assert mine_.read_text(encoding="utf-8") == "mine"
+    assert (folder / "new.txt").exists()
+
+
 def process(folder: Path, *arguments: object) -> subprocess.Popen[bytes]:
     """Another process that writes such files, and kills itself before it moves the n-th."""
     command = [sys.executable, "-c", WRITES, *map(str, arguments)]
     return subprocess.Popen(command, cwd=folder)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moves", range(1, 7))
 def test_a_run_killed_while_its_files_move_is_known_to_the_next(tmp_path, moves):
     assert process(tmp_path, "a b c d", "old", 0).wait(60) == 0
@@ -540,6 +562,7 @@ def test_a_run_killed_while_its_files_move_is_known_to_the_next(tmp_path, moves)
     assert not hidden(tmp_path)
 
 
+@pytest.mark.slow
 def test_two_runs_that_end_at_once_are_not_mixed(tmp_path):
     both = [process(tmp_path, " ".join(FILES), word, 0) for word in "ab"]
     assert [one.wait(60) for one in both] == [0, 0]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from commandline import program
+from tolerances import CHANCE_SHARE
 
 from gpuspec.arrays import BESIDE
 from gpuspec.pictures.detection import detection_picture
@@ -238,6 +239,40 @@ def test_the_share_that_is_lost_is_that_of_the_part(opencl):
     assert f"{100 * share:.3g} % of the part sees no light" in said
 
 
+def test_defects_out_of_view_do_not_lie_in_the_dark(opencl):
+    """Of three one is dark, one is lit, and one no image has."""
+    aside = [{**DENT, "x_mm": x} for x in (-13.0, 0.0, 19.0)]
+    piece = one_dent(defects=aside, tunnel__length_mm=16.0, camera__columns=300)
+    assert "1 of 3 defects lie in the dark." in told(piece, opencl)[1]
+
+
+@pytest.mark.parametrize(("share", "by_chance"), [(0.3, True), (0.12, True), (0.08, False)])
+def test_defects_are_hit_by_chance_from_a_tenth_of_the_surface_on(opencl, share, by_chance):
+    """At a threshold above which that share of the noisy flawless surface is."""
+    noisy = one_dent(sensor__noise=True, sensor__read_noise_e=300.0)
+    result = simulate(noisy, opencl)
+    level = float(np.quantile(result.aspect[result.truth == 0], 1 - share))
+    found, said = told(noisy.replace(segmentation__threshold=level), opencl)
+    outside = found.labels[found.truth == 0] > 0
+    assert outside.mean() == pytest.approx(share, rel=CHANCE_SHARE)
+    assert ("hit by chance" in said) == by_chance
+
+
+def test_the_defects_smaller_than_the_least_area_are_counted(opencl):
+    """Zones of 1.13 and 4.5 mm2."""
+    both = [DENT, {**DENT, "x_mm": -8.0, "diameter_mm": 2.4}]
+    for least, small in ((0.5, 0), (2.0, 1), (5.0, 2)):
+        said = told(one_dent(defects=both, segmentation__min_area_mm2=least), opencl)[1]
+        assert (f"may swallow {small} of 2 defects" in said) == (small > 0)
+        assert ("may swallow" in said) == (small > 0)
+
+
+def test_images_that_are_the_same_are_told_where_they_are_most_of_them(opencl):
+    for images, differ, is_told in ((12, 5, True), (9, 5, False), (40, 8, False), (40, 5, True)):
+        said = told(one_dent(sequence__images=images, sequence__step_mm=16.0 / differ), opencl)[1]
+        assert (f"only {differ} of {images} images differ" in said) == is_told
+
+
 def test_defects_in_the_dark_are_counted(opencl):
     aside = [{**DENT, "x_mm": x} for x in (-18.0, 0.0, 17.0)]
     said = told(one_dent(defects=aside, tunnel__length_mm=24.0), opencl)[1]
@@ -310,6 +345,7 @@ def test_keys_without_effect_have_none(opencl):
         assert key in " ".join(cautions.without_effect(changed))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("more", [{}, {"defects": []}], ids=str)
 def test_where_nothing_is_detected_every_line_says_so_in_place(tmp_path, more: dict[str, Any]):
     above = one_dent(**{"segmentation.threshold": 200.0, "camera.sampling_mm": 0.2, **more})

@@ -246,6 +246,15 @@ WRONG = {
         '[[classes]]\nname = "missed"',
         'classes[1]: name = "missed" is kept for defects without a blob.',
     ),
+    "tunnel as high as the camera": (
+        "[tunnel]\nheight_mm = 800",
+        "camera.height_mm = 800 must be above the tunnel, whose tunnel.height_mm is 800.",
+    ),
+    "arch that cuts a hollow part": (
+        '[part]\nwidth_mm = 50\nsurface = "height"\ncrown_radius_y_mm = -40\n'
+        '[tunnel]\nsection = "arch"\nradius_mm = 26',
+        "tunnel.radius_mm = 26 must be larger than the part's half width and height, 26.4",
+    ),
     "tunnel above the camera": (
         "[tunnel]\nheight_mm = 900",
         "camera.height_mm = 800 must be above the tunnel, whose tunnel.height_mm is 900.",
@@ -446,6 +455,7 @@ FILES = TABLES | st.fixed_dictionaries(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
 @given(FILES)
 def test_anything_toml_can_hold_is_a_station_or_a_station_error(data: dict[str, Any]):
@@ -684,6 +694,7 @@ def test_every_length_in_the_schema_carries_its_unit():
                 assert key.endswith(units) or key in bare, key
 
 
+@pytest.mark.slow
 @settings(max_examples=50, deadline=None, suppress_health_check=list(HealthCheck))
 @given(STATIONS)
 def test_the_schema_knows_every_key_of_a_station(data: dict[str, Any]):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,17 @@ from commandline import STATION, content, hidden, names, said
 from legible import check_legible, drawn_texts
 from scenes import check_station
 from tolerances import (
+    BACKEND_P2,
+    CROWN_MOVED,
     DISTANCE_MM,
+    EDGE_MM,
+    FALLS_WITH_DISTANCE,
+    FOLD,
+    FORCE,
     GRADIENT,
+    LEVELS_OFF,
     LIGHT_POINT,
+    OPENING_AREA,
     SIGNATURE_DIGITS,
     SIGNATURE_IMAGES,
 )
@@ -58,7 +67,7 @@ def small() -> Station:
 def test_the_closed_form_has_the_widths_of_the_model(distance, width):
     station = Station.from_dict({"tunnel": {"height_mm": 100.0}})
     force = strength(PAPER, station)
-    assert force == pytest.approx(28.4, abs=0.05)
+    assert force == pytest.approx(28.4, abs=FORCE)
     assert signature_width([distance], force)[0] == pytest.approx(width, abs=SIGNATURE_DIGITS)
 
 
@@ -67,7 +76,7 @@ def test_a_signature_begins_at_the_fold_and_vanishes_near_a_over_root_e_less_one
     fold = math.sqrt(2 * math.log(force))
     vanishing = force / math.sqrt(math.e) - 1
     begin, before, after = signature_width([0, vanishing - 0.01, 1.02 * vanishing + 0.1], force)
-    assert begin == pytest.approx(fold, abs=1e-3)
+    assert begin == pytest.approx(fold, abs=FOLD)
     assert before > 0
     assert after == 0
 
@@ -149,8 +158,8 @@ def test_what_height_adds_falls_with_the_distance_of_the_camera():
     # By slope it tends to a constant, by height to the field angle's share of it.
     first, last = outcome.by_height_mm[[-2, -1]]
     near, far = outcome.camera_mm[[-2, -1]]
-    assert last / first == pytest.approx(near / far, rel=0.05)
-    assert np.ptp(outcome.by_slope_mm[-2:]) < 0.01 * outcome.by_slope_mm[-1]
+    assert last / first == pytest.approx(near / far, rel=FALLS_WITH_DISTANCE)
+    assert np.ptp(outcome.by_slope_mm[-2:]) < LEVELS_OFF * outcome.by_slope_mm[-1]
 
 
 def test_the_claim_of_the_paper_is_judged_and_not_assumed():
@@ -161,6 +170,21 @@ def test_the_claim_of_the_paper_is_judged_and_not_assumed():
     outcome = height.study(near, distances=9)
     assert not outcome.negligible
     assert outcome.negligible_from_mm > 310
+    # From there on at every height tried, not only at the next.
+    ones, none = np.ones(5), np.zeros(5)
+    uneven = replace(
+        outcome, camera_mm=np.arange(200.0, 700.0, 100.0), by_slope_mm=ones,
+        by_height_mm=np.array([0.5, 1e-6, 0.5, 1e-6, 1e-6]), shape_by_slope_mm=none,
+        shape_by_height_mm=none,
+    )  # fmt: skip
+    assert uneven.negligible_from_mm == 500
+    never = replace(uneven, by_height_mm=0.5 * ones)
+    assert never.negligible_from_mm is None
+    # Where the dent moves the light by slope alone, a crown may still move it by height.
+    plain = replace(uneven, by_height_mm=1e-6 * ones)
+    crowned = replace(plain, shape_by_slope_mm=ones, shape_by_height_mm=0.5 * ones)
+    assert plain.negligible
+    assert not crowned.negligible
     assert "does not hold for this station" in outcome.findings()[-1]
     assert 'part.surface = "height"' in outcome.findings()[-1]
 
@@ -177,7 +201,7 @@ def test_a_crown_is_compared_with_a_flat_part():
     assert len(crowned.table()[0]) == len(flat.table()[0]) + 3
     # At x = L/2 the crown's slope moves the light by about 2 H x / R.
     moved = 2 * 300 * 98 / 500
-    assert crowned.shape_by_slope_mm[-1] == pytest.approx(moved, rel=0.1)
+    assert crowned.shape_by_slope_mm[-1] == pytest.approx(moved, rel=CROWN_MOVED)
     assert "crown moves it" in crowned.findings()[1]
 
 
@@ -192,7 +216,7 @@ def test_distances_to_the_transitions_are_those_of_a_search_over_all():
     shifts = np.arange(6) * 1.3
     edges = np.concatenate([shifts, shifts + 3.0])[:, None] + 10.3 * np.arange(-10, 10)
     expected = np.abs(light[:, None] - edges.ravel()).min(axis=1)
-    assert coverage.transition_distance(light, station) == pytest.approx(expected, abs=1e-12)
+    assert coverage.transition_distance(light, station) == pytest.approx(expected, abs=EDGE_MM)
 
 
 def test_a_transition_lies_where_the_light_changes(backend):
@@ -209,6 +233,7 @@ def test_a_transition_lies_where_the_light_changes(backend):
     assert np.isin(np.round(share[distance > half + DISTANCE_MM], 3), (0, 1)).all()
 
 
+@pytest.mark.slow
 def test_on_a_flat_part_the_distances_keep_one_scale(backend):
     station = example("trim").replace(**{"camera.sampling_mm": 0.5})
     outcome = coverage.study(station, backend=backend)
@@ -249,7 +274,7 @@ def test_pixels_are_blind_where_no_transition_comes_or_no_light_is_seen(opencl):
     scanned, far, lost, beside = outcome.counts
     assert beside == 100 * 200  # 12.5 mm on either side of the part
     opening = 40 * 20 / 1.375**2 / 0.25**2
-    assert lost == pytest.approx(opening, rel=0.02)
+    assert lost == pytest.approx(opening, rel=OPENING_AREA)
     assert far > 0
     assert scanned + far + lost == 800 * 200
     assert outcome.blind == (far + lost) / (800 * 200)
@@ -292,6 +317,7 @@ def tolerated(populated) -> tolerance.Tolerance:
     return tolerance.study(populated, steps=3, offset_mm=0.5, height_mm=3.0, backend="numpy")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(12.0, 6.0), (5.0, 150.0), (150.0, 5.0)], ids=str)
 def test_every_study_s_picture_is_legible_whatever_the_part(small, size):
     station = small.replace(
@@ -339,6 +365,11 @@ def test_each_thing_that_can_change_is_tried(tolerated):
     assert names["reflectivity"].values == pytest.approx((-30, 0, 30))
     assert names["material"].values == tuple(MATERIALS)
     assert len(tolerated.findings()) == 1 + len(names)
+    least = tolerated.numbers()["least"]
+    for name, one in names.items():
+        found = [(score.p1, score.p2, score.defects_hit) for score in one.scores]
+        assert tuple(least[name].values()) == tuple(map(min, zip(*found, strict=True)))
+    assert any(len({score.p2 for score in one.scores}) > 1 for one in names.values())
 
 
 def test_a_change_of_reflectivity_is_one_of_exposure(tolerated):
@@ -406,7 +437,7 @@ def test_a_design_keeps_its_score_on_every_backend(device_backend, tolerated):
     )
     for mine, its in zip(outcome.perturbations, tolerated.perturbations, strict=True):
         assert mine.hit == pytest.approx(its.hit), mine.name
-        assert mine.p2 == pytest.approx(its.p2, abs=0.02), mine.name
+        assert mine.p2 == pytest.approx(its.p2, abs=BACKEND_P2), mine.name
 
 
 @pytest.mark.parametrize(
@@ -428,6 +459,7 @@ def test_a_tolerance_that_says_nothing_is_refused(small, changes, options, why):
 # -------------------------------------------------------------------------------------- commands
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STUDIES)
 def test_a_study_writes_its_figure_and_its_table(gpuspec_, name):
     ran = gpuspec_("study", name, "s.toml", *(["--steps", 3] if name == "tolerance" else []))
@@ -449,6 +481,7 @@ def test_a_study_writes_its_figure_and_its_table(gpuspec_, name):
     assert not hidden(Path())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["signature", "height", "coverage", "tolerance"])
 def test_a_study_tells_what_is_wrong_with_its_station(gpuspec_, name):
     steps = ["--steps", 3] if name == "tolerance" else []
@@ -464,6 +497,7 @@ def test_a_study_tells_what_is_wrong_with_its_station(gpuspec_, name):
     assert len(notes) == len(said)
 
 
+@pytest.mark.slow
 def test_figure_7_needs_no_station(gpuspec_):
     ran = gpuspec_("study", "signature", "-o", "out", "--backend", "numpy")
     assert ran.code == 0
@@ -478,6 +512,7 @@ def results() -> dict[str, bytes]:
     return found
 
 
+@pytest.mark.slow
 def test_studies_share_a_folder_and_replace_only_their_own(gpuspec_):
     assert gpuspec_("simulate", "s.toml", "--no-pictures", "-o", "all").code == 0
     before = results()
@@ -488,6 +523,7 @@ def test_studies_share_a_folder_and_replace_only_their_own(gpuspec_):
     assert all(after[name] == before[name] for name in before)
 
 
+@pytest.mark.slow
 def test_a_study_keeps_the_users_files(gpuspec_, monkeypatch):
     Path("study").mkdir()
     Path("study/coverage.csv").write_text("mine", encoding="utf-8")
@@ -505,6 +541,7 @@ def test_a_study_keeps_the_users_files(gpuspec_, monkeypatch):
     assert gpuspec_("study", "coverage", "s.toml").code == 0
 
 
+@pytest.mark.slow
 def test_an_outcome_is_written_by_the_same_rules(small, tmp_path):
     found = height.study(small)
     found.write(tmp_path)
@@ -517,6 +554,7 @@ def test_an_outcome_is_written_by_the_same_rules(small, tmp_path):
         found.write("")
 
 
+@pytest.mark.slow
 def test_a_study_takes_a_dent_and_changes(gpuspec_):
     dent = ("--diameter-mm", 1.0, "--depth-um", 10)
     for name in ("signature", "height", "coverage"):

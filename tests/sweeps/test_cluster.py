@@ -17,7 +17,7 @@ from typing import Any
 import dask
 import pyarrow as pa
 import pytest
-from commandline import PROGRAM, STATION
+from commandline import DEADLINE_S, PROGRAM, STATION
 from dask.system import CPU_COUNT
 from filelock import FileLock
 
@@ -34,6 +34,8 @@ from gpuspec.sweeps.keeping.folder import RunFolder
 from gpuspec.sweeps.plan import Plan
 from gpuspec.sweeps.sweep import sweep
 from gpuspec.version import __version__
+
+pytestmark = pytest.mark.slow
 
 VARY = {
     "tunnel.height_mm": "100,150,-1",
@@ -266,7 +268,9 @@ def test_ctrl_c_ends_workers_without_a_traceback(folder: Path) -> None:
     deadline = time.monotonic() + 10  # the last of them is still on its way out
 
     def left() -> list[bytes]:
-        told = subprocess.run(["ps", "-o", "stat=", "-s", str(process.pid)], capture_output=True)
+        told = subprocess.run(
+            ["ps", "-o", "stat=", "-s", str(process.pid)], capture_output=True, timeout=DEADLINE_S
+        )
         return [state for state in told.stdout.split() if not state.startswith(b"Z")]
 
     while left() and time.monotonic() < deadline:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import re
 import subprocess
 import sys
@@ -11,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commandline import STATION, content, said
+from commandline import DEADLINE_S, STATION, content, said
 from legible import check_legible, drawn_texts
 
 from gpuspec.errors import OutputError, StationError
@@ -22,7 +23,7 @@ from gpuspec.sweeps.plan import Plan
 from gpuspec.sweeps.rule import Rule, f1_of
 from gpuspec.sweeps.searching import optimise as module
 from gpuspec.sweeps.searching import picture as optimise_picture_
-from gpuspec.sweeps.searching.optimise import JOURNAL, optimise, plan_of, tried
+from gpuspec.sweeps.searching.optimise import IDENTITY, JOURNAL, optimise, plan_of, tried
 from gpuspec.sweeps.searching.picture import optimise_picture, write_trials
 from gpuspec.sweeps.searching.search import Search, best_of
 from gpuspec.sweeps.trying.bench import Bench
@@ -204,6 +205,77 @@ def test_simulate_reproduces_the_best_exactly(plan, tmp_path, opencl):
     assert (score.p1, score.p2, score.defects_hit) == (best.p1, best.p2, best.hits)
 
 
+def proposed(plan: Plan, seed: int) -> list[dict]:
+    """Designs of a search of which every trial is as good as the others."""
+    search = Search(plan.axes, Rule(), seed)
+    for _ in range(28):
+        values, step = search.propose()
+        search.add(module.Trial(values, step, None, 1.0, 0.5, 0.5, 1, 1))
+    assert {trial.step for trial in search.trials} == {False, True}
+    return [trial.values for trial in search.trials]
+
+
+def test_another_seed_is_another_search_and_the_same_seed_the_same(plan):
+    one, again, other = proposed(plan, 1), proposed(plan, 1), proposed(plan, 2)
+    assert one == again
+    assert not [values for values in other if values in one]
+
+
+def test_steps_that_find_nothing_better_grow_shorter_and_every_fourth_trial_explores(plan):
+    search = Search(plan.axes, Rule(p2_floor=0.0), 3)
+    away, steps = [], []
+    for number in range(120):
+        values, step = search.propose()
+        good = 0.9 if number == 5 else 0.1
+        search.add(module.Trial(values, step, None, 1.0, good, 1.0, 1, 1))
+        steps.append(step)
+        best = search.trials[5].values if number > 5 else values
+        spans = [(values[a.key] - best[a.key]) / (a.values[1] - a.values[0]) for a in plan.axes]
+        away.append(np.abs(spans).max())
+    assert not any(steps[:24])
+    assert steps[24:] == [number % 4 != 0 for number in range(24, 120)]
+    taken = np.array(away)[np.array(steps)]
+    assert taken[-20:].mean() < 0.1 * taken[:10].mean()
+
+
+def test_a_threshold_that_detects_nothing_makes_no_station(plan, tmp_path, opencl):
+    found = optimise(plan, tmp_path, 2, backend=opencl)
+    for threshold, detects in ((254.0, True), (255.0, False)):
+        best = replace(found.trials[0], threshold_dn=threshold)
+        one = replace(found, trials=(best,), best=0)
+        if detects:
+            assert one.station().segmentation.threshold == 254
+        else:
+            with pytest.raises(StationError, match="nothing is detected"):
+                one.station()
+
+
+def test_a_design_is_tried_on_as_many_parts_as_are_asked_for(small, tmp_path, opencl):
+    dents = {"kind": "dent", "count": 3, "diameter_mm": 0.6, "depth_um": 5.0}
+    many = plan_of(small.replace(populations=[dents]), BOUNDS, parts=3)
+    (trial,) = optimise(many, tmp_path, 1, backend=opencl).trials
+    assert trial.defects == 3 * 4
+
+
+def test_the_seed_of_the_command_is_that_of_the_search(plan, tmp_path, opencl):
+    one, other = (
+        optimise(plan, tmp_path / str(seed), 2, seed=seed, backend=opencl).trials for seed in (1, 2)
+    )
+    assert [trial.values for trial in one] == proposed(plan, 1)[:2]
+    assert [trial.values for trial in other] == proposed(plan, 2)[:2]
+
+
+def test_the_sampler_is_told_p1_and_p2_of_every_trial(plan, tmp_path, opencl):
+    optimise(plan, tmp_path, 6, backend=opencl)
+    with module._writing(tmp_path, json.loads((tmp_path / IDENTITY).read_text())) as study:
+        told = study.get_trials()
+    assert [direction.name for direction in study.directions] == ["MAXIMIZE", "MAXIMIZE"]
+    for trial in told:
+        assert trial.values == [trial.user_attrs["p1"], trial.user_attrs["p2"]]
+    assert any(trial.user_attrs["p1"] != trial.user_attrs["p2"] for trial in told)
+
+
+@pytest.mark.slow
 def test_it_finds_the_top_of_a_known_smooth_hill_in_a_hundredth_of_a_grid(plan):
     # The search alone, on a score of which the optimum is known; no claim about stations.
     top, reached = {"tunnel.luminous_mm": 3.1, "tunnel.dark_mm": 17.0, "sequence.images": 23}, 0
@@ -226,6 +298,7 @@ def test_it_finds_the_top_of_a_known_smooth_hill_in_a_hundredth_of_a_grid(plan):
     assert reached >= 15  # measured: 18
 
 
+@pytest.mark.slow
 def test_it_finds_the_known_optimum_of_a_station_in_a_hundredth_of_its_grid(opencl):
     """More electrons, more images, less read noise and no leak are better, with noise in between.
 
@@ -267,7 +340,10 @@ def test_it_finds_the_known_optimum_of_a_station_in_a_hundredth_of_its_grid(open
 
 def test_the_command_line_starts_without_optuna():
     code = "import sys; sys.modules['optuna'] = None; import gpuspec.cli.optimise"
-    assert subprocess.run([sys.executable, "-c", code], cwd=Path.cwd()).returncode == 0
+    assert (
+        subprocess.run([sys.executable, "-c", code], cwd=Path.cwd(), timeout=DEADLINE_S).returncode
+        == 0
+    )
 
 
 def test_a_search_keeps_the_users_files(gpuspec_, monkeypatch):
