@@ -17,10 +17,7 @@ from gpuspec.cli.prototype import prototype
 from gpuspec.cli.reference import reference
 from gpuspec.cli.simulate import demo, simulate
 from gpuspec.cli.sweep import sweep
-from gpuspec.cli.terminal import (
-    show_warnings_as_notes,
-    standard_output,
-)
+from gpuspec.cli.terminal import show_warnings_as_notes, standard_output
 from gpuspec.errors import GpuspecError
 from gpuspec.version import __version__
 

@@ -130,7 +130,8 @@ def _note_lists(station: Station, plan: Plan) -> None:
 
 def _print(found: Optimum, done: int, seconds: float) -> None:
     from gpuspec.cli.tables import print_score, print_table
-    from gpuspec.simulation.cautions import out_of_view, without_effect
+    from gpuspec.simulation.cautions.defects import out_of_view
+    from gpuspec.simulation.cautions.station import without_effect
     from gpuspec.sweeps.rule import f1_of
 
     out, best = console(), found.trials[found.best]

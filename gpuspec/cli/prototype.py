@@ -18,11 +18,7 @@ from gpuspec.cli.options import (
     changed,
     output_option,
 )
-from gpuspec.cli.terminal import (
-    note_space,
-    print_assumptions,
-    print_notes,
-)
+from gpuspec.cli.terminal import note_space, print_assumptions, print_notes
 from gpuspec.errors import GpuspecError
 
 

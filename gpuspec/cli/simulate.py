@@ -20,13 +20,7 @@ from gpuspec.cli.options import (
     StationArgument,
     changed,
 )
-from gpuspec.cli.terminal import (
-    console,
-    note_space,
-    print_assumptions,
-    print_notes,
-    progress,
-)
+from gpuspec.cli.terminal import console, note_space, print_assumptions, print_notes, progress
 
 if TYPE_CHECKING:
     from gpuspec.simulation.result import Result

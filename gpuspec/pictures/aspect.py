@@ -4,14 +4,7 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from gpuspec.pictures.page import (
-    MARGIN,
-    NOTES,
-    WIDTH,
-    Sheet,
-    essentials,
-    fitted,
-)
+from gpuspec.pictures.page import MARGIN, NOTES, WIDTH, Sheet, essentials, fitted
 from gpuspec.pictures.place import draw_grey, grey_range, millimetres, scale_bar
 from gpuspec.pictures.seen import Inspected
 

@@ -7,13 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from gpuspec.arrays import BESIDE
-from gpuspec.pictures.page import (
-    MARGIN,
-    VERMILION,
-    WIDTH,
-    Sheet,
-    essentials,
-)
+from gpuspec.pictures.page import MARGIN, VERMILION, WIDTH, Sheet, essentials
 from gpuspec.pictures.seen import Inspected
 
 

@@ -7,13 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
 from gpuspec.arrays import BESIDE, LOST
-from gpuspec.pictures.page import (
-    MARGIN,
-    WIDTH,
-    Sheet,
-    essentials,
-    fitted,
-)
+from gpuspec.pictures.page import MARGIN, WIDTH, Sheet, essentials, fitted
 from gpuspec.pictures.place import draw_codes, millimetres, scale_bar
 from gpuspec.pictures.seen import Inspected
 

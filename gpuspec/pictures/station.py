@@ -17,13 +17,7 @@ from numpy.typing import NDArray
 
 from gpuspec.arrays import LOST
 from gpuspec.light.float64 import ray_paths
-from gpuspec.pictures.page import (
-    MARGIN,
-    WIDTH,
-    Sheet,
-    essentials,
-    text_width,
-)
+from gpuspec.pictures.page import MARGIN, WIDTH, Sheet, essentials, text_width
 from gpuspec.pictures.seen import Inspected
 from gpuspec.station.station import Station
 
@@ -51,7 +45,7 @@ class RayPaths(Protocol):
 
     @property
     def lost(self) -> NDArray[np.uint8]:
-        """Why a ray sees no light, (n,): index into ``backends.LOST``."""
+        """Why a ray sees no light, (n,): index into ``arrays.LOST``."""
 
 
 @dataclass(frozen=True)

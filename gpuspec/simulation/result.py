@@ -19,7 +19,7 @@ from gpuspec.light.backend import DeviceInfo
 from gpuspec.part.relief import Relief
 from gpuspec.part.truth import KnownDefect
 from gpuspec.shown import array, html_page, object_of
-from gpuspec.simulation.cautions import assumptions
+from gpuspec.simulation.cautions.station import assumptions
 from gpuspec.simulation.light_map import Progress, ScoredLightMap
 from gpuspec.station.station import Station
 
@@ -42,7 +42,7 @@ class Result:
     aspect : ndarray of float32, shape (M, N)
         Aspect image, DN.
     lost : ndarray of uint8, shape (M, N)
-        Why a pixel sees no light, index into ``backends.LOST``.
+        Why a pixel sees no light, index into ``arrays.LOST``.
     truth : ndarray of int32, shape (M, N)
         Zones: 0 flawless, i the i-th of ``defects``.
     defects : tuple of KnownDefect

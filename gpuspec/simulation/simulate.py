@@ -14,7 +14,7 @@ from gpuspec.light.devices import open_backend
 from gpuspec.part.placement import MANY, asked_for
 from gpuspec.part.relief import Relief
 from gpuspec.part.truth import Truth
-from gpuspec.simulation.cautions import cautions
+from gpuspec.simulation.cautions.all import cautions
 from gpuspec.simulation.light_map import Progress, ScoredLightMap
 from gpuspec.simulation.memory import check_memory
 from gpuspec.simulation.result import Result
@@ -80,7 +80,7 @@ class Traced:
     light_map : ScoredLightMap
         On the device; scores other designs of the same geometry.
     lost : ndarray of uint8, shape (M, N)
-        Why a pixel sees no light, index into ``backends.LOST``.
+        Why a pixel sees no light, index into ``arrays.LOST``.
     """
 
     station: Station

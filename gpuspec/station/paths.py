@@ -5,10 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from gpuspec.station.defects import (
-    Distribution,
-    Section,
-)
+from gpuspec.station.defects import Distribution, Section
 from gpuspec.station.mistakes import choices
 
 _PLACE = re.compile(r"([^\[\]]+)((?:\[\d{1,6}\])*)")

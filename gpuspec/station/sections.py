@@ -12,12 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, field_validator, model_validator
 
 from gpuspec.shapes import Crown, Shape
-from gpuspec.station.defects import (
-    Length,
-    Section,
-    Seed,
-    Topography,
-)
+from gpuspec.station.defects import Length, Section, Seed, Topography
 
 
 class Part(Section):

@@ -23,7 +23,8 @@ from gpuspec.light.backend import Backend, DeviceInfo
 from gpuspec.light.devices import open_backend
 from gpuspec.pictures.page import MARGIN, SKY, VERMILION, WIDTH, Sheet, essentials, fitted
 from gpuspec.pictures.place import draw_codes, millimetres, open_frame, place_image, reduction
-from gpuspec.simulation.cautions import of_light, of_station
+from gpuspec.simulation.cautions.light import of_light
+from gpuspec.simulation.cautions.station import of_station
 from gpuspec.simulation.memory import check_memory
 from gpuspec.station.station import Station
 from gpuspec.studies.deflection import Dent, hardest, magnification, reach_mm

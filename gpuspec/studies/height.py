@@ -22,7 +22,7 @@ from gpuspec.light.float64_backend import NumpyBackend
 from gpuspec.part.relief import Relief
 from gpuspec.pictures.page import MARGIN, SKY, VERMILION, WIDTH, Sheet
 from gpuspec.pictures.place import open_frame
-from gpuspec.simulation.cautions import of_station
+from gpuspec.simulation.cautions.station import of_station
 from gpuspec.station.station import Station
 from gpuspec.studies.deflection import Dent, dents, without_defects
 from gpuspec.studies.outcome import GREY, Outcome, percent

@@ -20,7 +20,7 @@ from gpuspec.light.backend import Backend, DeviceInfo
 from gpuspec.light.devices import open_backend
 from gpuspec.pictures.page import MARGIN, VERMILION, WIDTH, Sheet
 from gpuspec.pictures.place import open_frame
-from gpuspec.simulation.cautions import of_station
+from gpuspec.simulation.cautions.station import of_station
 from gpuspec.station.station import Station
 from gpuspec.studies.deflection import (
     PIXELS_PER_SIGMA,

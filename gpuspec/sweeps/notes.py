@@ -6,7 +6,8 @@ from collections import Counter
 from collections.abc import Collection, Sequence
 
 from gpuspec.errors import StationError
-from gpuspec.simulation.cautions import assumptions, common, ineffective, of_station
+from gpuspec.simulation.cautions.all import common
+from gpuspec.simulation.cautions.station import assumptions, ineffective, of_station
 from gpuspec.station.station import Station
 from gpuspec.sweeps.keeping.folder import RunFolder
 from gpuspec.sweeps.plan import Plan

@@ -13,7 +13,8 @@ from tolerances import CHANCE_SHARE
 
 from gpuspec.arrays import BESIDE
 from gpuspec.pictures.detection import detection_picture
-from gpuspec.simulation import cautions
+from gpuspec.simulation.cautions import station as cautions
+from gpuspec.simulation.cautions.all import common
 from gpuspec.simulation.result import Result
 from gpuspec.simulation.simulate import simulate
 from gpuspec.station.station import Station
@@ -370,5 +371,5 @@ def test_notes_on_every_design_are_those_in_common():
     designs = [one_dent(sequence__lag=4, sensor__exposure=g) for g in (0.5, 1.0, 2.0)]
     lists = [cautions.of_station(design) for design in designs]
     assert len(lists[0]) == 2
-    assert cautions.common(lists) == lists[2]
-    assert cautions.common([]) == []
+    assert common(lists) == lists[2]
+    assert common([]) == []

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from gpuspec.errors import OutputError, StationError
 from gpuspec.light.levels import thresholds
 from gpuspec.shown import html_page, object_of
-from gpuspec.simulation.cautions import BY_CHANCE, out_of_view, without_effect
+from gpuspec.simulation.cautions.defects import out_of_view
+from gpuspec.simulation.cautions.detection import BY_CHANCE
+from gpuspec.simulation.cautions.station import without_effect
 from gpuspec.station.station import Station
 from gpuspec.sweeps.choosing.chosen import Chosen
 from gpuspec.sweeps.choosing.front import COLUMNS, Front, Points

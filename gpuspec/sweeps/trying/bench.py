@@ -10,7 +10,7 @@ import pyarrow as pa
 from gpuspec.errors import StationError
 from gpuspec.light.backend import Backend
 from gpuspec.light.constants import LEVELS
-from gpuspec.simulation.cautions import of_design
+from gpuspec.simulation.cautions.station import of_design
 from gpuspec.station.station import Station
 from gpuspec.sweeps.plan import Plan
 from gpuspec.sweeps.trying.curves import Curves

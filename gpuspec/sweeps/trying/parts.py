@@ -18,7 +18,7 @@ from gpuspec.light.levels import LevelCounter, Levels, Sample, Zones
 from gpuspec.light.light_map import LIGHT
 from gpuspec.part.relief import Relief
 from gpuspec.part.truth import KnownDefect, Truth
-from gpuspec.simulation.cautions import of_light
+from gpuspec.simulation.cautions.light import of_light
 from gpuspec.simulation.memory import check_memory
 from gpuspec.station.station import Station
 from gpuspec.sweeps.plan import with_part

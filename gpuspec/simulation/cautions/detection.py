@@ -1,0 +1,150 @@
+"""Whether what is detected can be trusted, and why not."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gpuspec.arrays import Image, Mask
+from gpuspec.detection.score import Score
+from gpuspec.detection.segmentation import threshold_margins
+from gpuspec.light.light_map import LightMap
+from gpuspec.simulation.cautions.station import DIFFERENCES, percent
+from gpuspec.station.station import Station
+
+BY_CHANCE = 0.1
+"""Share of the flawless surface detected from which on defects are hit by chance."""
+EVEN = 0.005  # share of full scale within which an image has no contrast
+
+
+def of_detection(
+    light_map: LightMap,
+    aspect: Image,
+    lit: Mask,
+    valid: Mask,
+    threshold: float,
+    scored: Score,
+    *,
+    basic: bool,
+) -> list[str]:
+    """Say why nothing, or everything, is detected.
+
+    Parameters
+    ----------
+    light_map : LightMap
+    aspect : ndarray of float32, shape (M, N)
+        DN.
+    lit, valid : ndarray of bool, shape (M, N)
+        Pixels that see the light, and those on the part.
+    threshold : float
+        DN.
+    scored : Score
+    basic : bool
+        Whether a more basic cause was said.
+    """
+    station = light_map.station
+    full, automatic = station.sensor.full_scale_dn, station.segmentation.threshold == "auto"
+    found = scored.hit_px + scored.false_px
+    flawless = int(np.count_nonzero(valid)) - scored.zone_px
+    if flawless and scored.false_px > BY_CHANCE * flawless:
+        way = (
+            " It is too uneven for any one threshold."
+            if automatic
+            else ' Raise segmentation.threshold, or set it to "auto".'
+        )
+        return [
+            f"{percent(scored.false_px / flawless)} of the flawless surface is detected at the "
+            f"threshold of {threshold:.4g} DN, so that defects are hit by chance: its median level "
+            f"is {np.median(aspect[lit]):.4g} DN.{'' if basic else way}"
+        ]
+    if basic:
+        return []
+    brightest = float(np.max(aspect, where=lit, initial=0.0))
+    if brightest < full / 255:
+        return [
+            f"the image is dark: its brightest pixel has {brightest:.2g} DN of {full}. "
+            f"{_why_dark(light_map, lit)}"
+        ]
+    if automatic and threshold >= full:
+        return [_why_beyond(station, aspect, lit, threshold)]
+    if found or not scored.defects:
+        return []
+    nothing = "nothing is detected, so that P1 is 1 by definition and says nothing"
+    above = int(np.count_nonzero((aspect > threshold) & valid))
+    if above:
+        return [
+            f"{nothing}: all {above:,} pixels above the threshold are in blobs smaller than "
+            f"segmentation.min_area_mm2 = {station.segmentation.min_area_mm2:g}."
+        ]
+    level = float(np.median(aspect[lit]))
+    if brightest - level < EVEN * full:
+        way = "The image is even: no defect stands out in it."
+    elif not automatic:
+        way = f'Set segmentation.threshold between {level:.4g} and {brightest:.4g}, or to "auto".'
+    else:
+        way = _why_high(station, aspect, lit)
+    return [
+        f"{nothing}: the threshold is {threshold:.4g} DN, the flawless level {level:.4g} DN and "
+        f"the brightest pixel {brightest:.4g} DN. {way}"
+    ]
+
+
+def _why_dark(light_map: LightMap, lit: Mask) -> str:
+    station = light_map.station
+    fusion = station.sequence.fusion
+    if fusion in (*DIFFERENCES, "min"):
+        brightest = float(light_map.image(0)[lit].max())
+        if brightest >= station.sensor.full_scale_dn / 255:
+            if fusion == "min":
+                return 'With sequence.fusion = "min" every pixel has its darkest: take "mean".'
+            lag = " Check sequence.lag." if fusion == "differential" else ""
+            return f'Its images are not, but "{fusion}" finds next to no difference.{lag}'
+    way = "widen tunnel.luminous_mm" if light_map.pattern is None else "make the pattern brighter"
+    return f"Raise sensor.exposure, or {way}."
+
+
+def _why_high(station: Station, aspect: Image, lit: Mask) -> str:
+    """Say what keeps an automatic threshold above every defect, and what to change."""
+    images, full = station.sequence.images, station.sensor.full_scale_dn
+    margins = threshold_margins(aspect, lit, full_scale_dn=full, images=images)
+    always = max(margins.uneven_dn, margins.floor_dn)  # however many images there are
+    if margins.one_image_dn >= always:
+        if float(aspect[lit].max()) > margins.flawless_dn + always:
+            return (
+                f"It leaves room for one image of {images}, {full / images:.3g} DN: take more "
+                f"sequence.images."
+            )
+    elif margins.uneven_dn >= always:
+        return (
+            f"It leaves room for an uneven flawless level, of which the spread (robust sigma) is "
+            f"{always / 7:.2g} DN: take more images, over whole periods."
+        )
+    return "Only deeper defects would stand out, or another light."
+
+
+def _why_beyond(station: Station, aspect: Image, lit: Mask, threshold: float) -> str:
+    """Say why the automatic threshold is beyond full scale: which of its terms put it there."""
+    full, images = station.sensor.full_scale_dn, station.sequence.images
+    margins = threshold_margins(aspect, lit, full_scale_dn=full, images=images)
+    room = full - margins.flawless_dn
+    head = f"the automatic threshold, {threshold:.0f} DN, is beyond full scale and detects nothing"
+    if margins.floor_dn >= room:
+        way = (
+            'With sequence.fusion = "max" every pixel has its brightest image: take "mean".'
+            if station.sequence.fusion == "max"
+            else "Lower sensor.exposure, or make the light darker."
+        )
+        return (
+            f"{head}: the flawless level, {margins.flawless_dn:.1f} DN, is itself at full scale, "
+            f"{full} DN, and leaves no room above it. {way}"
+        )
+    if margins.uneven_dn >= room:
+        return (
+            f"{head}: the flawless level is too uneven over the part, {margins.flawless_dn:.0f} DN "
+            f"with a spread (robust sigma) of {margins.uneven_dn / 7:.0f} DN. Take more images, "
+            f"over whole periods, or state segmentation.threshold."
+        )
+    return (
+        f"{head}: of {images} image{'s' if images > 1 else ''} one more makes a flawless pixel "
+        f"brighter by {full / images:.0f} DN, and its level is {margins.flawless_dn:.0f} DN "
+        f"already. Take more images, or a lower sensor.exposure."
+    )

@@ -1,0 +1,156 @@
+"""Light that is not seen, or is not radiance."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpuspec.arrays import BESIDE, Image, Mask
+from gpuspec.light.float64 import ray_paths
+from gpuspec.light.light_map import LightMap
+from gpuspec.part.grooves import Grooves
+from gpuspec.part.relief import Relief
+from gpuspec.part.truth import Truth
+from gpuspec.simulation.cautions.detection import EVEN
+from gpuspec.simulation.cautions.station import listed, percent, view_mm
+from gpuspec.station.station import Station
+
+LOST_SHARE = 0.01
+"""Share of the part without light from which on it is said."""
+_DOWN, _PAST, _OPENING = 2, 3, 4
+_GRID = 33  # points along each side of the part, for rays to the tunnel's end
+
+
+def of_pattern(light_map: LightMap, lit: Mask, aspect: Image) -> list[str]:
+    """Say where a user's pattern cannot show anything.
+
+    Parameters
+    ----------
+    light_map : LightMap
+        Lit by the pattern.
+    lit : ndarray of bool, shape (M, N)
+        Pixels that see the light.
+    aspect : ndarray of float32, shape (M, N)
+        DN.
+    """
+    station, pattern = light_map.station, light_map.pattern
+    assert pattern is not None
+    images, full = station.sequence.images, station.sensor.full_scale_dn
+    if not lit.any():
+        return []
+    said = []
+    if images > 1 and not station.sensor.noise:
+        first = light_map.image(0)[lit]
+        others = {1, images // 2, images - 1} - {0}
+        if all(np.abs(light_map.image(k)[lit] - first).max() < 1e-3 * full for k in others):
+            moved = "k" if pattern.kind == "picture" else "shift"
+            said.append(
+                f"all {images} images are the same: {pattern.file} does not change with its "
+                f"`{moved}`, or comes round to the same within each step."
+            )
+    levels = aspect[lit]
+    if float(levels.max()) - float(levels.min()) < EVEN * full:
+        said.append(
+            f"the aspect image is even, {levels.mean():.1f} DN everywhere: under {pattern.file} "
+            f"nothing stands out."
+        )
+    return said
+
+
+def of_light(station: Station, lost: NDArray[np.uint8], truth: Truth | None = None) -> list[str]:
+    """Say how much of the part sees no light, and why.
+
+    Parameters
+    ----------
+    station : Station
+    lost : ndarray of uint8, shape (M, N)
+        Index into ``arrays.LOST``.
+    truth : Truth, optional
+        To say how many defects are wholly dark.
+    """
+    part = lost.size - np.count_nonzero(lost == BESIDE)
+    if not part:
+        return []
+    counts = {reason: np.count_nonzero(lost == reason) for reason in (_PAST, _DOWN, _OPENING)}
+    dark = sum(counts.values())
+    said = []
+    for reason, count in counts.items():
+        if count < LOST_SHARE * part:
+            continue
+        seen = "no pixel of the part sees any light" if count == part else (
+            f"{percent(count / part)} of the part sees no light"
+        )  # fmt: skip
+        said.append(f"{seen}: {_why_lost(station, reason)}")
+    if said and truth is not None and dark < part:
+        hidden = _hidden(truth, lost)
+        if hidden:
+            said[-1] += f" {hidden} of {len(truth.defects)} defects lie in the dark."
+    if dark == part and not said:
+        said.append("no pixel of the part sees any light; lost.png shows why.")
+    return said
+
+
+def _why_lost(station: Station, reason: int) -> str:
+    part, tunnel = station.part, station.tunnel
+    if reason == _OPENING:
+        size = tunnel.opening_length_mm, tunnel.opening_width_mm
+        view = view_mm(station)
+        way = (
+            f"make it smaller, the camera's own view needs {view[0]:.3g} x {view[1]:.3g} mm"
+            if size[0] > view[0] and size[1] > view[1]
+            else "a tunnel whose top is nearer to the camera needs a smaller one"
+        )
+        return f"it reflects the camera opening of {size[0]:g} x {size[1]:g} mm; {way}."
+    crown = [f"part.crown_radius_{axis}_mm" for axis in "xy"
+             if getattr(part, f"crown_radius_{axis}_mm")]  # fmt: skip
+    relief = "part.relief" if part.relief else "the defects' depth_um"
+    if reason == _DOWN:
+        return (
+            f"it is tilted by more than 45 degrees there and reflects the camera's rays down; "
+            f"check {listed([*crown, relief])}."
+        )
+    needed = _length_needed_mm(station)
+    said = f"its rays pass the tunnel's end, tunnel.length_mm = {tunnel.length_mm:g}; "
+    if needed is None:
+        return said + f"no length catches them all, so tilt them less with {listed(crown)}."
+    if needed <= tunnel.length_mm:
+        return said + f"what tilts them so far is the relief: check {relief}."
+    return said + f"{needed:g} or more catches those of the flawless part."
+
+
+def _length_needed_mm(station: Station) -> float | None:
+    """Return the tunnel's length that every ray of the flawless part meets; None: none does."""
+    part, p, (rows, columns) = station.part, station.camera.sampling_mm, station.shape
+    bare = station.model_copy(
+        update={
+            "part": part.model_copy(update={"relief": None}),
+            "tunnel": station.tunnel.model_copy(
+                update={"length_mm": 1e9, "opening_length_mm": 0.0}
+            ),
+        }
+    )
+    half = min(part.length_mm, columns * p) / 2, min(part.width_mm, rows * p) / 2
+    x, y = (np.linspace(-h, h, _GRID) * (1 - 1e-9) for h in half)
+    paths = ray_paths(bare, Relief((), Grooves.of(()), ()), x[None, :], y[:, None])
+    if (paths.lost == _DOWN).any():
+        return None
+    seen = np.abs(paths.light[..., 0][paths.lost == 0])
+    needed = _three_digits_up(2 * float(seen.max(initial=0.0)) * (1 + 1e-6))
+    return needed if needed <= 1e5 else None  # the most that tunnel.length_mm takes
+
+
+def _three_digits_up(value: float) -> float:
+    if value <= 0:
+        return 0.0
+    step = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return float(f"{math.ceil(value / step) * step:.6g}")
+
+
+def _hidden(truth: Truth, lost: NDArray[np.uint8]) -> int:
+    """Return how many defects have pixels on the part and all of them dark."""
+    size = len(truth.defects) + 1
+    there = np.bincount(truth.labels[lost != BESIDE], minlength=size)[1:]
+    lit = np.bincount(truth.labels[lost == 0], minlength=size)[1:]
+    return int(np.count_nonzero((there > 0) & (lit == 0)))

@@ -1,0 +1,1 @@
+"""A sweep's tasks on several processes or machines, by Dask. Imports `sweeps.crew` and below."""

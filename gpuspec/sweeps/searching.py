@@ -1,0 +1,1 @@
+"""Searching between bounds, without a grid. Imports `sweeps.keeping` and what stands below it."""
