@@ -78,13 +78,20 @@ class ScoredLightMap(LightMap):
         Raises
         ------
         BackendError
-            If the device that traced it at first is absent or fails.
+            If the device that traced it at first is absent or fails, or it was released.
         """
+        self.held()
         if self._traced is None:
             engine = open_backend(self.info.backend, self.info.device)
             light_map = engine.trace(self.station, self._relief)
             self._traced = light_map.with_pattern(self.pattern) if self.pattern else light_map
         return self._traced
+
+    def release(self) -> None:
+        """See :meth:`LightMap.release`."""
+        if self._traced is not None:
+            self._traced.release()
+        super().release()
 
     def inspected(
         self, station: Station | None = None, progress: Progress | None = None

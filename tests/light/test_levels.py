@@ -172,14 +172,13 @@ def test_device_counts_are_those_of_the_image(opencl, part):
 
 def test_tiles_and_batches_count_the_same(opencl, monkeypatch):
     tried = designs(station())[:5] * 3
+    short = OpenCLBackend(memory_bytes=60_000)
+    assert short.trace(station()).tiles > 1
     whole, tiled = (
-        (traced.light_map, traced.light_map.counter(zones_of(traced)).count(tried))
-        for traced in (
-            trace(station(), opencl), trace(station(), OpenCLBackend(memory_bytes=60_000))
-        )
-    )  # fmt: skip
-    assert tiled[0].tiles > 1
-    assert_same(tiled[1], whole[1])
+        traced.light_map.counter(zones_of(traced)).count(tried)
+        for traced in (trace(station(), engine) for engine in (opencl, short))
+    )
+    assert_same(tiled, whole)
     for engine in (OpenCLBackend(), scalar()):
         traced = trace(station(), engine)
         monkeypatch.setattr("gpuspec.light.opencl_levels._AT_ONCE", 4000)
@@ -188,7 +187,7 @@ def test_tiles_and_batches_count_the_same(opencl, monkeypatch):
         monkeypatch.setattr("gpuspec.light.opencl_device.LAUNCH_SECONDS", 1e-7)
         monkeypatch.setattr("gpuspec.light.opencl_device._FIRST_WORK", 1.0)
         monkeypatch.setattr(engine, "_work", {})
-        assert_same(traced.light_map.counter(zones_of(traced)).count(tried), whole[1])
+        assert_same(traced.light_map.counter(zones_of(traced)).count(tried), whole)
 
 
 def test_peaks_and_ceilings_have_a_budget_of_memory(monkeypatch):

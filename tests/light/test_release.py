@@ -13,6 +13,7 @@ from gpuspec.errors import BackendError
 from gpuspec.light.devices import open_backend
 from gpuspec.light.levels import Zones
 from gpuspec.light.patterns import Pattern
+from gpuspec.simulation.simulate import trace
 
 NO_ZONE = np.zeros(check_station().shape, np.int32)
 
@@ -62,6 +63,18 @@ def test_the_memory_of_a_light_map_that_was_released_is_given_back(device_backen
 def users(buffers: list[object]) -> list[int]:
     """How many know each of some buffers, beside the list."""
     return [sys.getrefcount(buffer) for buffer in buffers]
+
+
+def test_the_light_map_of_a_result_gives_back_what_its_device_holds(opencl):
+    light_map = trace(check_station(), opencl).light_map
+    own = light_map.traced
+    with light_map:
+        light_map.score()
+    assert own.released
+    with pytest.raises(BackendError, match="was released"):
+        light_map.score()
+    with pytest.raises(BackendError, match="was released"):
+        light_map.image(0)
 
 
 def test_what_another_pattern_lights_outlives_its_light_map():

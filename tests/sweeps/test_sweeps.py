@@ -990,7 +990,7 @@ def test_what_is_said_of_every_design_already_is_told_again_only_of_some(station
 
 
 def test_a_geometry_beyond_the_memory_is_refused_in_a_sentence(station, opencl, monkeypatch):
-    monkeypatch.setattr("gpuspec.simulation.memory._available_bytes", lambda: 1000)
+    monkeypatch.setattr("gpuspec.simulation.memory.free_bytes", lambda: 1000)
     with pytest.raises(StationError, match=r"of memory while"):
         Parts(opencl, 1, 0).levels([station], sampled=False)
 
