@@ -149,6 +149,13 @@ class ScoredLightMap(LightMap):
             self.station, self.info, self._relief, self._truth, self._lost, lit, pattern
         )
 
+    def release(self) -> None:
+        """See :meth:`LightMap.release`."""
+        if self._traced is not None:
+            self._traced.release()
+            self._traced = None
+        super().release()
+
     def failures(self) -> AbstractContextManager[None]:
         """See :meth:`LightMap.failures`."""
         return self.traced.failures()
