@@ -87,12 +87,6 @@ class ScoredLightMap(LightMap):
             self._traced = light_map.with_pattern(self.pattern) if self.pattern else light_map
         return self._traced
 
-    def release(self) -> None:
-        """See :meth:`LightMap.release`."""
-        if self._traced is not None:
-            self._traced.release()
-        super().release()
-
     def inspected(
         self, station: Station | None = None, progress: Progress | None = None
     ) -> tuple[Image, Inspection, Score]:
