@@ -159,7 +159,7 @@ def write_glance(result: Reported, folder: Path) -> None:
 
     Parameters
     ----------
-    result : Result
+    result : Reported
     folder : Path
         An existing one.
     """
@@ -181,7 +181,7 @@ def write_files(
 
     Parameters
     ----------
-    result : Result
+    result : Reported
     folder : Path
         An existing one.
     frames : bool

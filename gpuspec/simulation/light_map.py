@@ -78,8 +78,9 @@ class ScoredLightMap(LightMap):
         Raises
         ------
         BackendError
-            If the device that traced it at first is absent or fails.
+            If the device that traced it at first is absent or fails, or it was released.
         """
+        self.held()
         if self._traced is None:
             engine = open_backend(self.info.backend, self.info.device)
             light_map = engine.trace(self.station, self._relief)
@@ -141,6 +142,13 @@ class ScoredLightMap(LightMap):
         return ScoredLightMap(
             self.station, self.info, self._relief, self._truth, self._lost, lit, pattern
         )
+
+    def release(self) -> None:
+        """See :meth:`LightMap.release`."""
+        if self._traced is not None:
+            self._traced.release()
+            self._traced = None
+        super().release()
 
     def failures(self) -> AbstractContextManager[None]:
         """See :meth:`LightMap.failures`."""

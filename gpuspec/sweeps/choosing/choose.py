@@ -243,8 +243,8 @@ def choose(
     Examples
     --------
     >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.5)
-    >>> run = gpuspec.sweep(gpuspec.Plan.of(station, {"sensor.exposure": [1, 2, 4]}), "sweep")
-    >>> choice = gpuspec.choose(run, gpuspec.Rule(goal="f1", hit_share=0.9))
+    >>> run = gpuspec.sweep(station, {"sensor.exposure": [1, 2, 4]}, "sweep")
+    >>> choice = gpuspec.choose(run, goal="f1", hit_share=0.9)
     >>> choice.best.values, choice.best.hits
     ({'sensor.exposure': 4.0}, 32)
     >>> choice.station().segmentation.threshold == choice.best.threshold_dn
