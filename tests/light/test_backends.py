@@ -72,7 +72,7 @@ def launches_of(device: OpenCLBackend, monkeypatch: pytest.MonkeyPatch) -> Count
 @pytest.mark.parametrize("rays", [1, 3])
 def test_a_tile_takes_no_more_memory_than_it_may(device_backend, rays, monkeypatch):
     """Bytes reserved while one tile is traced, of all its sub-rays."""
-    station, limit = check_station(camera__subsampling=rays), 20_000
+    station, limit = check_station(camera__subsampling=rays), 8_000 * rays
     short = type(device_backend)(memory_bytes=limit)
     light_map = short.trace(station)
     assert 1 < light_map.tiles < station.shape[0]

@@ -651,7 +651,7 @@ def test_another_version_makes_another_sweep(station):
 @pytest.mark.parametrize("samples", [0, 300])
 def test_a_table_takes_no_more_disk_than_is_asked_for(station, opencl, tmp_path, samples):
     plan = Plan.of(station, GRID, samples=samples)
-    run = sweep(plan, tmp_path / "run", opencl)
+    run = sweep(plan, tmp_path / "run", backend=opencl)
     size = sum(path.stat().st_size for path in (run.path / "designs").iterdir())
     assert tolerances.TABLE_SHARE * table_bytes(plan) < size <= table_bytes(plan)
     # With bounds a row is twice as large.
@@ -661,11 +661,11 @@ def test_a_table_takes_no_more_disk_than_is_asked_for(station, opencl, tmp_path,
 
 def test_what_a_killed_sweep_left_half_written_is_removed(station, opencl, tmp_path):
     plan = Plan.of(station, GRID)
-    whole = sweep(plan, tmp_path / "run", opencl).table()
+    whole = sweep(plan, tmp_path / "run", backend=opencl).table()
     (tmp_path / "run" / ".partial-one").mkdir()
     (tmp_path / "run" / ".partial-one" / "part").write_bytes(b"half")
     (tmp_path / "run" / "designs" / ".partial-two").write_bytes(b"half")
-    assert sweep(plan, tmp_path / "run", opencl).table().equals(whole)
+    assert sweep(plan, tmp_path / "run", backend=opencl).table().equals(whole)
     assert not list((tmp_path / "run").rglob(".partial-*"))
 
 
@@ -978,18 +978,18 @@ def test_notes_are_in_the_table_where_they_are_true_and_nowhere_else(station, op
 
 def test_what_is_said_of_every_design_already_is_told_again_only_of_some(station, opencl, tmp_path):
     grid = {"sensor.exposure": [0.8, 1.0, 4.0]}
-    run = sweep(Plan.of(station, grid), tmp_path / "some", opencl)
+    run = sweep(Plan.of(station, grid), tmp_path / "some", backend=opencl)
     told = of_table(run)
     assert len(told) == 2  # of two exposures, a note each
     line = told[0].partition(": ")[2]
     assert of_table(run, [line]) == told
-    same = sweep(Plan.of(station, {"sensor.exposure": [0.8]}), tmp_path / "all", opencl)
+    same = sweep(Plan.of(station, {"sensor.exposure": [0.8]}), tmp_path / "all", backend=opencl)
     (one,) = of_table(same)
     assert of_table(same, [one.partition(": ")[2]]) == []
 
 
 def test_a_geometry_beyond_the_memory_is_refused_in_a_sentence(station, opencl, monkeypatch):
-    monkeypatch.setattr("gpuspec.simulation.memory._available_bytes", lambda: 1000)
+    monkeypatch.setattr("gpuspec.simulation.memory.free_bytes", lambda: 1000)
     with pytest.raises(StationError, match=r"of memory while"):
         Parts(opencl, 1, 0).levels([station], sampled=False)
 
