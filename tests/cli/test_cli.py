@@ -589,7 +589,7 @@ def test_a_kernel_that_does_not_build_is_reported_with_file_and_line(gpuspec_, m
     def broken(name: str) -> str:
         return sources.resolved(f"/* {name} */\n\n__kernel void broken(", f"kernels/{name}")
 
-    monkeypatch.setattr(opencl, "kernel_source", broken)
+    monkeypatch.setattr(opencl_device, "kernel_source", broken)
     for backend in ("opencl", "auto"):  # auto never hides a fault of the program
         ran = gpuspec_("simulate", "s.toml", "--backend", backend)
         assert ran.code == 1
