@@ -166,7 +166,6 @@ def test_parts_differ_in_every_seed_and_the_first_is_the_stations_own(station):
     assert other.defects == station.defects
 
 
-@pytest.mark.slow
 def test_no_part_has_a_seed_of_another_s(station):
     """Populations with seeds 1 and 2, and noise: none is that of another part one further."""
     seeds = [p.seed for k in range(60) for p in with_part(station, k).populations]
