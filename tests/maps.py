@@ -5,6 +5,11 @@ from __future__ import annotations
 import struct
 
 import numpy as np
+import pytest
+
+from gpuspec.errors import TopographyError
+from gpuspec.part.maps import read_maps
+from gpuspec.station.station import Station
 
 # Heights in the files are whole multiples of this unless a test says otherwise.
 UNIT_MM = 1e-8
@@ -48,3 +53,61 @@ def polished(nx=120, ny=100):
     missing = np.zeros(x.shape, bool)
     missing[40:43, 60:63] = missing[0, 0] = True
     return heights, missing
+
+
+def relief_station(folder, size=(0.48, 0.4), **relief):
+    return Station.from_dict(
+        {
+            "part": {
+                "length_mm": size[0],
+                "width_mm": size[1],
+                "relief": {"file": "x.sur", **relief},
+            },
+            "camera": {"sampling_mm": 0.004, "height_mm": 150.0, "pupil_mm": 0.0},
+            "tunnel": {"height_mm": 80.0},
+        },
+        "demo.toml",
+        folder,
+    )
+
+
+def patch_station(folder, sampling=0.01, subsampling=1, part=2.0, **patch):
+    return Station.from_dict(
+        {
+            "part": {"length_mm": part, "width_mm": part},
+            "camera": {
+                "sampling_mm": sampling,
+                "height_mm": 150.0,
+                "pupil_mm": 0.0,
+                "subsampling": subsampling,
+            },
+            "tunnel": {"height_mm": 80.0},
+            "defects": [
+                {"kind": "dent", "x_mm": 0.9, "y_mm": 0.9, "diameter_mm": 0.01, "depth_um": 1e-3},
+                {"kind": "measured", "file": "x.sur", "x_mm": 0.0, "y_mm": 0.0, **patch},
+            ],
+        },
+        "demo.toml",
+        folder,
+    )
+
+
+def rejected(station):
+    """The one sentence with which a station's topography is refused."""
+    with pytest.raises(TopographyError) as caught:
+        read_maps(station)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.startswith("demo.toml: ")
+    assert message.endswith(".")
+    return message
+
+
+PLAIN = {"height_unit": "nm", "pitch_um": 4.0, "form_removed": "none"}
+
+
+def plain_station(folder, file, **relief):
+    part = {"relief": {"file": file, **PLAIN, **relief}}
+    camera = {"sampling_mm": 0.004, "height_mm": 150.0}
+    data = {"part": part, "camera": camera, "tunnel": {"height_mm": 80.0}}
+    return Station.from_dict(data, "demo.toml", folder)

@@ -1,0 +1,152 @@
+"""Screened sweeps: the same front, and bounds that hold."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pytest
+import tolerances
+from scipy.stats import binom
+from sweeping import GRID, STATION, rows
+from tolerances import RISK
+
+from gpuspec.light.levels import Levels, Sample, Zones
+from gpuspec.station.station import Station
+from gpuspec.sweeps.choosing.front import Front, curves
+from gpuspec.sweeps.plan import Plan
+from gpuspec.sweeps.sweep import sweep
+from gpuspec.sweeps.trying import bench as bench_module
+from gpuspec.sweeps.trying.bench import Bench
+from gpuspec.sweeps.trying.parts import Parts, TracedPart
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("parts", [1, 2])
+def test_screening_ends_in_the_front_of_the_exhaustive_sweep(station, opencl, tmp_path, parts):
+    """Few strata, so that bounds are wide and many designs must be made exact."""
+    fronts, made = [], []
+    for samples in (0, 300):
+        plan = Plan.of(station, GRID, parts=parts, samples=samples)
+        run = sweep(plan, tmp_path / f"run{samples}", backend=opencl)
+        front = Front()
+        for table in run.batches():
+            front.add(table)
+        fronts.append(front.points())
+        made.append(rows(run))
+    exhaustive, screened = fronts
+    assert screened.exact.all()
+    for name in ("design", "level", "p1", "p2", "hits"):
+        assert np.array_equal(getattr(screened, name), getattr(exhaustive, name)), name
+    assert len(exhaustive.design) > 50
+    assert 0 < sum(row["exact"] for row in made[1]) < 0.6 * len(made[1])
+    for true, row in zip(*made, strict=True):
+        assert row["p2"] == true["p2"]
+        assert row["hits"] == true["hits"]
+        if row["exact"]:
+            assert row == true
+        else:
+            assert all(np.array(row["p1_low"]) <= true["p1"])
+            assert all(np.array(row["p1_high"]) >= true["p1"])
+
+
+STRATA, WEIGHT, TRIED, ZONE = 400, 50, 16, 10
+"""Of a made-up screening: strata, pixels of each, designs, and pixels of its one zone."""
+
+
+class MadeUp:
+    """Parts of which the levels are drawn, in place of those of a traced part.
+
+    In every stratum the levels 1 to 255 are equally frequent: strata as unlike each other as can
+    be would be easier. What a threshold truly detects is then known without drawing.
+    """
+
+    def __init__(self, seed: int) -> None:
+        self.random = np.random.default_rng(seed)
+        none, one = np.zeros(0, np.uint32), np.ones(1, np.float32)
+        sample = Sample(none, np.zeros(STRATA, np.uint32), WEIGHT, one, one)
+        valid = np.ones((1, 1), np.bool_)
+        zones = Zones(np.arange(ZONE, dtype=np.uint32), np.array([0, ZONE]), valid)
+        self.part = TracedPart(None, zones, sample)
+        self.drawn: list[np.ndarray] = []
+
+    def levels(self, stations: Any, *, sampled: bool) -> tuple[list[Levels], list[TracedPart]]:
+        found = Levels.empty(len(stations), 1)
+        for counts in found.sampled:
+            counts[:] = np.bincount(self.random.integers(1, 256, STRATA), minlength=256)
+        found.inside[:, 255], found.peaks[:], found.ceiling[:] = ZONE, 255, 255
+        self.drawn.append(found.sampled)
+        return [found], [self.part]
+
+
+def made_up(opencl, seed: int = 0) -> Bench:
+    plan = Plan.of(
+        Station.from_dict({**STATION, "populations": []}),
+        {"sensor.exposure": f"1:8:{TRIED}"},
+        samples=STRATA,
+    )
+    bench = Bench(plan, opencl)
+    bench.parts = MadeUp(seed)
+    return bench
+
+
+def sweeps_with_a_wrong_bound(bench: Bench, count: int) -> int:
+    """Of many sweeps, those in which any bound of any design at any threshold is wrong."""
+    outside = STRATA * WEIGHT * (255 - np.arange(255)) / 255
+    true = ZONE / (ZONE + outside)
+    wrong = 0
+    for _ in range(count):
+        table = bench.rows(range(TRIED), sampled=True)
+        low, high = (curves(table, name)[:, :255] for name in ("p1_low", "p1_high"))
+        wrong += bool(((true < low) | (true > high)).any())
+    return wrong
+
+
+def test_in_99_of_100_screened_sweeps_every_bound_holds(opencl):
+    """All bounds of all designs at all thresholds together, as it is promised."""
+    assert sweeps_with_a_wrong_bound(made_up(opencl), 300) <= tolerances.WRONG_SWEEPS * 300
+
+
+@pytest.mark.parametrize("confidence", [0.5, 1 - 0.01 * 2 * 256], ids=["50 %", "not shared"])
+def test_a_promise_that_is_not_kept_would_be_seen(opencl, monkeypatch, confidence):
+    """The test above can fail: with a confidence of 50 %, and with a risk that is not shared."""
+    monkeypatch.setattr(bench_module, "CONFIDENCE", confidence)
+    assert sweeps_with_a_wrong_bound(made_up(opencl), 100) > 3 * tolerances.WRONG_SWEEPS * 100
+
+
+def test_each_bound_of_a_sweep_has_its_share_of_a_risk_of_1_percent(opencl):
+    """The bounds as Clopper and Pearson define them, by the distribution and not its inverse."""
+    bench = made_up(opencl)
+    table = bench.rows(range(TRIED), sampled=True)
+    low, high = (curves(table, name) for name in ("p1_low", "p1_high"))
+    share = 0.01 / (2 * 256 * TRIED)
+    (sampled,) = bench.parts.drawn
+    looked_at = 0
+    for design in range(TRIED):
+        for level in range(1, 250, 31):
+            drawn = sampled[design, level + 1 :].sum()
+            whole = STRATA * WEIGHT
+            most, least = (ZONE / p1[design, level] - ZONE for p1 in (low, high))
+            # Else the drawn pixels themselves are the bound.
+            if least > drawn and most < whole - (STRATA - drawn):
+                assert binom.sf(drawn - 1, STRATA, least / whole) == pytest.approx(share, rel=RISK)
+                assert binom.cdf(drawn, STRATA, most / whole) == pytest.approx(share, rel=RISK)
+                looked_at += 1
+    assert looked_at > 5 * TRIED
+
+
+def test_the_sample_of_every_part_is_drawn_anew(opencl):
+    """Parts that differ in their noise alone: the same strata, other pixels of them."""
+    noisy = Station.from_dict({**STATION, "populations": []}).replace(**{"sensor.noise": True})
+    _, parts = Parts(opencl, 3, 300).levels([noisy], sampled=True)
+    for one, other in combinations([part.sample for part in parts], 2):
+        assert np.array_equal(one.near, other.near)
+        assert (one.chosen != other.chosen).mean() > 0.8  # one of 40 pixels each
+
+
+def test_designs_without_a_closed_form_are_exact_under_screening(station, opencl, tmp_path):
+    plan = Plan.of(
+        station.replace(**{"sensor.noise": True}), {"sensor.exposure": "2,4"}, samples=99
+    )
+    assert all(row["exact"] for row in rows(sweep(plan, tmp_path / "run", backend=opencl)))

@@ -1,0 +1,145 @@
+"""Rows of a sweep are what simulate gives."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from sweeping import GRID, STATION, rows
+
+import gpuspec
+from gpuspec.errors import StationError
+from gpuspec.light.levels import levels_of
+from gpuspec.light.opencl import OpenCLBackend
+from gpuspec.station.station import Station
+from gpuspec.sweeps.estimate import estimate
+from gpuspec.sweeps.plan import SEED_STEP, Plan, with_part
+from gpuspec.sweeps.sweep import sweep
+from gpuspec.sweeps.trying.bench import Bench
+from gpuspec.sweeps.trying.parts import Parts
+
+
+def test_a_row_is_what_simulate_gives(station, opencl, tmp_path):
+    """P1, P2 and hits of the row, at its threshold, are those of the station it stands for."""
+    plan = Plan.of(station, {**GRID, "tunnel.height_mm": "150,250"}, parts=2)
+    run = sweep(plan, tmp_path / "run", backend=opencl)
+    found = rows(run)
+    assert [row["design"] for row in found] == list(range(plan.designs))
+    for row in found[:: plan.designs // 9]:
+        assert {a.key: row[a.key] for a in plan.axes} == plan.values(row["design"])
+        scores = []
+        for part in range(2):
+            design = with_part(plan.station_of(row["design"]), part)
+            design = design.replace(**{"segmentation.threshold": row["threshold_dn"]})
+            result = gpuspec.simulate(design, opencl).score
+            scores.append(result)
+            assert row["part_p1"][part] == result.p1
+            assert row["part_p2"][part] == result.p2
+            assert row["part_hits"][part] == result.defects_hit
+        hit, false = (sum(getattr(s, name) for s in scores) for name in ("hit_px", "false_px"))
+        assert row["best_p1"] == pytest.approx(hit / (hit + false) if false else 1, abs=1e-15)
+        assert row["best_p2"] == pytest.approx(hit / row["zone_px"], abs=1e-15)
+        assert row["best_hits"] == sum(s.defects_hit for s in scores)
+        assert row["seeds"] == [0, SEED_STEP]
+        level = round(row["threshold_dn"])
+        assert (row["p1"][level], row["p2"][level]) == (row["best_p1"], row["best_p2"])
+        assert (row["exact"], row["p1_low"], row["backend"]) == (True, None, "opencl")
+
+
+def test_geometry_is_traced_once_for_each_part(station, opencl):
+    plan = Plan.of(station, {**GRID, "tunnel.height_mm": "150,250"}, parts=3)
+    bench = Bench(plan, opencl)
+    bench.rows(range(plan.designs), sampled=True)
+    assert bench.parts.traced == 6
+    bench.rows(range(plan.designs - 5, plan.designs), sampled=True)
+    assert bench.parts.traced == 6
+
+
+def test_every_part_has_noise_of_its_own(opencl):
+    """That of the station it stands for, and no other part's: the same dent, another noise."""
+    noisy = Station.from_dict({**STATION, "populations": []}).replace(
+        **{"sensor.noise": True, "sensor.read_noise_e": 60.0, "sequence.images": 4}
+    )
+    designs = [noisy, noisy.replace(**{"sensor.exposure": 2.0})]
+    found, traced = Parts(opencl, 3, 0).levels(designs, sampled=False)
+    for number, (levels, part) in enumerate(zip(found, traced, strict=True)):
+        for n, design in enumerate(designs):
+            station = with_part(design, number)
+            wanted = levels_of(opencl.trace(station).aspect(), part.zones, 255)
+            assert np.array_equal(levels.inside[n, 1:], wanted.inside[0, 1:])
+            assert np.array_equal(levels.outside[n, 1:], wanted.outside[0, 1:])
+    for one, other in combinations(found, 2):
+        assert (one.outside != other.outside).any(axis=1).all()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{}, {"sequence.fusion": "std"}, {"camera.subsampling": 2}, {"sequence.step_mm": 0.31},
+     {"sensor.noise": True}],
+    ids=str,
+)  # fmt: skip
+def test_parts_of_a_population_are_counted_whatever_the_design(station, backend, change):
+    """Each part is the one of its seed, with and without a closed form."""
+    design = station.replace(**change)
+    found, traced = Parts(backend, 2, 0).levels([design], sampled=False)
+    for number, (levels, part) in enumerate(zip(found, traced, strict=True)):
+        wanted = levels_of(backend.trace(with_part(design, number)).aspect(), part.zones, 255)
+        assert np.array_equal(levels.outside[:, 1:], wanted.outside[:, 1:])
+        assert np.array_equal(levels.peaks, wanted.peaks)
+
+
+@pytest.mark.parametrize(("rays", "again"), [(1, 0), (3, 3)])
+def test_light_maps_are_kept_as_long_as_they_fit_sub_rays_counted(station, opencl, rays, again):
+    """A pixel of nine sub-rays takes nine times the memory: what held three parts holds one."""
+    rows, columns = station.shape
+    engine = OpenCLBackend(memory_bytes=int(3.5 * 13 * rows * columns))
+    parts = Parts(engine, 3, 0)
+    design = station.replace(**{"camera.subsampling": rays})
+    parts.levels([design], sampled=False)
+    assert parts.traced == 3
+    parts.levels([design], sampled=False)
+    assert parts.traced == 3 + again
+
+
+def test_the_plan_tells_the_memory_of_every_sub_ray(station):
+    rows, columns = station.shape
+    for rays in (1, 3):
+        plan = Plan.of(station.replace(**{"camera.subsampling": rays}), GRID, parts=2)
+        assert estimate(plan, None, 1).device_bytes == 13 * rows * columns * rays**2 * 2
+
+
+def test_light_maps_beyond_the_memory_are_traced_again_with_the_same_rows(station, opencl):
+    plan = Plan.of(station, {"sensor.exposure": "1:8:8"}, parts=3)
+    small = OpenCLBackend(memory_bytes=400_000)
+    assert (
+        Bench(plan, small)
+        .rows(range(8), sampled=False)
+        .equals(Bench(plan, opencl).rows(range(8), sampled=False))
+    )
+
+
+def test_invalid_designs_have_a_reason_and_the_others_a_score(station, opencl, tmp_path):
+    plan = Plan.of(station, {"sensor.exposure": "-2:3:6", "tunnel.height_mm": "200,900"})
+    run = sweep(plan, tmp_path / "run", backend=opencl)
+    for row in rows(run):
+        exposure, height = row["sensor.exposure"], row["tunnel.height_mm"]
+        valid = exposure > 0 and height < 800
+        assert (row["reason"] is None) == valid
+        assert (row["best_p1"] is not None) == valid
+        if height == 900 and exposure > 0:
+            assert "camera.height_mm = 800 must be above the tunnel" in row["reason"]
+    assert run.invalid()[0] == 9
+
+
+def test_no_valid_design_at_all_is_said(station, opencl, tmp_path):
+    plan = Plan.of(station, {"sensor.exposure": "-3,-2"})
+    with pytest.raises(StationError, match="no design of the sweep is a valid station"):
+        sweep(plan, tmp_path / "run", backend=opencl)
+
+
+def test_a_part_that_does_not_fit_is_a_reason(station, opencl, tmp_path):
+    plan = Plan.of(station, {"populations[1].count": "3,100000"})
+    good, bad = rows(sweep(plan, tmp_path / "run", backend=opencl))
+    assert good["reason"] is None
+    assert "populations[1]" in bad["reason"]
