@@ -5,19 +5,20 @@
 >>> station = station.replace(camera__sampling_mm=0.5)
 >>> result = gs.simulate(station)
 >>> result.score
-Score(P1 0.280, P2 0.897, F1 0.426; 33 of 36 defects hit, 5 of 42 blobs false)
+Score(P1 0.240, P2 1.000, F1 0.387; 33 of 36 defects hit, 3 of 36 blobs false)
 >>> result.picture("histogram"), result.extent_mm, result.blobs.to_pandas().shape
-(<Figure size ...>, (-100.0, 100.0, -25.0, 25.0), (42, 18))
+(<Figure size ...>, (-100.0, 100.0, -25.0, 25.0), (36, 18))
 >>> result.light_map.score(station.replace(sensor__exposure=2))  # another design, no new trace
-Score(P1 0.297, P2 0.885, F1 0.445; 33 of 36 defects hit, 6 of 43 blobs false)
+Score(P1 0.256, P2 1.000, F1 0.407; 33 of 36 defects hit, 3 of 36 blobs false)
 >>> result.save("run")
 >>> gs.load("run").score == result.score
 True
 
-What the command line does is here by the same names: `simulate`, `sweep`, `front`, `optimise`,
-`study`, `devices`, `example` (`choose` is what `front` is elsewhere). What they take and give:
-`Station`, `Result`, `Plan`, `Rule`, `RunFolder`, `Choice`, `Optimum`; `load` reads a run or a sweep
-back from its folder.
+What the command line does is here by the same names: `simulate`, `inspect`, `fit`, `sweep`,
+`front`, `optimise`, `study`, `pod`, `dataset`, `devices`, `example` (`choose` is what `front` is
+elsewhere). What they take and give: `Station`, `Result`, `Captured`, `Fit`, `Plan`, `Rule`,
+`RunFolder`, `Choice`, `Optimum`, `Pod`, `DataSetPlan`, `DataSetMade`; `load` reads a run or a sweep
+back from its folder. `Line` takes a camera's frames one at a time.
 
 >>> run = gs.sweep(station, {"tunnel.luminous_mm": "1:3:3", "sensor.exposure": [2, 4]}, "sweep")
 >>> best = gs.choose(run, goal="f1").station()
@@ -34,6 +35,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from gpuspec.captured.captured import Captured
+    from gpuspec.captured.fit import Fit, fit
+    from gpuspec.captured.inspect import inspect
+    from gpuspec.captured.line import Line
+    from gpuspec.datasets.dataset import DataSetMade, dataset
+    from gpuspec.datasets.plan import DataSetPlan
+    from gpuspec.detectability.outcome import Pod
+    from gpuspec.detectability.pod import pod
     from gpuspec.errors import GpuspecError
     from gpuspec.light.devices import open_backend, survey
     from gpuspec.light.devices import survey as devices
@@ -46,6 +55,8 @@ if TYPE_CHECKING:
     from gpuspec.station.station import Station
     from gpuspec.station.toml import to_toml
     from gpuspec.studies.study import study
+    from gpuspec.sweeps.aim import Aim
+    from gpuspec.sweeps.choosing.aimed import AimChoice, choose_for
     from gpuspec.sweeps.choosing.choose import Choice, choose
     from gpuspec.sweeps.choosing.choose import choose as front
     from gpuspec.sweeps.keeping.folder import RunFolder
@@ -57,22 +68,35 @@ if TYPE_CHECKING:
     from gpuspec.version import __version__ as __version__
 
 __all__ = [
+    "Aim",
+    "AimChoice",
+    "Captured",
     "Choice",
+    "DataSetMade",
+    "DataSetPlan",
+    "Fit",
     "GpuspecError",
+    "Line",
     "Optimum",
     "Pattern",
     "Plan",
+    "Pod",
     "Result",
     "Rule",
     "RunFolder",
     "Station",
     "choose",
+    "choose_for",
+    "dataset",
     "devices",
     "example",
+    "fit",
     "front",
+    "inspect",
     "load",
     "open_backend",
     "optimise",
+    "pod",
     "search_plan",
     "simulate",
     "study",
@@ -84,22 +108,35 @@ __all__ = [
 
 # Name: where it is, and its name there if it is another.
 _HOME = {
+    "Captured": "captured.captured",
+    "Fit": "captured.fit",
+    "fit": "captured.fit",
+    "inspect": "captured.inspect",
+    "Aim": "sweeps.aim",
+    "AimChoice": "sweeps.choosing.aimed",
     "Choice": "sweeps.choosing.choose",
+    "DataSetMade": "datasets.dataset",
+    "DataSetPlan": "datasets.plan",
     "GpuspecError": "errors",
+    "Line": "captured.line",
     "Optimum": "sweeps.searching.optimise",
     "Pattern": "light.patterns",
     "Plan": "sweeps.plan",
+    "Pod": "detectability.outcome",
     "Result": "simulation.result",
     "Rule": "sweeps.rule",
     "RunFolder": "sweeps.keeping.folder",
     "Station": "station.station",
     "example": "station.examples",
     "choose": "sweeps.choosing.choose",
+    "choose_for": "sweeps.choosing.aimed",
+    "dataset": "datasets.dataset",
     "devices": "light.devices:survey",
     "front": "sweeps.choosing.choose:choose",
     "load": "loading",
     "open_backend": "light.devices",
     "optimise": "sweeps.searching.optimise",
+    "pod": "detectability.pod",
     "search_plan": "sweeps.searching.optimise:plan_of",
     "simulate": "simulation.simulate",
     "study": "studies.study",
@@ -126,7 +163,11 @@ def __getattr__(name: str) -> Any:
     except ModuleNotFoundError as error:
         from gpuspec.errors import ExtraError
 
-        raise ExtraError.of(error, "optimise" if "optimise" in file else "sweep") from None
+        extra = {
+            "sweeps.searching.optimise": "optimise", "datasets.dataset": "dataset",
+            "detectability.pod": "pod",
+        }.get(file, "sweep")  # fmt: skip
+        raise ExtraError.of(error, extra) from None
     return getattr(module, there or name)
 
 

@@ -110,6 +110,8 @@ class Lost(IntEnum):
     DOWN = 2
     END = 3
     OPENING = 4
+    HIDDEN = 5
+    AGAIN = 6
 
 
 LOST = (
@@ -118,5 +120,7 @@ LOST = (
     "reflected down, away from the tunnel",
     "past the tunnel's end",
     "in the camera's opening",
+    "hidden from the camera by the part",
+    "reflected onto the part again",
 )
 BESIDE = int(Lost.BESIDE)

@@ -12,7 +12,7 @@ class StationError(GpuspecError):
 
 
 class TopographyError(GpuspecError):
-    """A measured topography cannot be read or used."""
+    """A measured topography or a mesh cannot be read or used."""
 
 
 class BackendError(GpuspecError):
@@ -27,12 +27,20 @@ class DeviceWarning(UserWarning):
     """A device was left for another, which was not asked for by name."""
 
 
+class FrameError(GpuspecError):
+    """A frame of a camera cannot be read, does not belong to its sequence, or tells nothing."""
+
+
 class OutputError(GpuspecError):
     """Results cannot be written where they were asked for."""
 
 
 class PatternError(GpuspecError):
     """A user's pattern cannot be read, does not compile, or runs for ever."""
+
+
+class TrialsError(GpuspecError):
+    """Trials, hits or signals over size, cannot be read, or tell of no curve."""
 
 
 class ExtraError(GpuspecError):
@@ -45,6 +53,7 @@ class ExtraError(GpuspecError):
         Parameters
         ----------
         error : ModuleNotFoundError
+            Of the import that was tried.
         extra : str
             Name of the extra in pyproject.toml.
 

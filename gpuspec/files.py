@@ -44,6 +44,7 @@ class Space:
     Attributes
     ----------
     bytes : int
+        All files together.
     what : str
         What takes so much, e.g. "100,000 images of 600 x 300 pixels".
     way : str

@@ -59,6 +59,11 @@ def load(folder: str | Path) -> Result | RunFolder:
                 f"{path} is the folder of a search; gpuspec.optimise with the same plan and folder "
                 f"goes on with it and returns what it found."
             )
+        if (path / "dataset.json").is_file():
+            raise OutputError(
+                f"{path} is the folder of a data set; its README.md says how it is loaded, and "
+                f"gpuspec.dataset with the same station goes on with it."
+            )
         if not path.is_dir():
             what = "is no folder" if path.exists() else "is not there"
             raise OutputError(f"{path} {what}; name the folder of a run or a sweep.")

@@ -50,6 +50,7 @@ class Planned:
     Attributes
     ----------
     results : Outputs
+        Score, arrays and pictures.
     sequence : Outputs or None
         Of a GIF, or of the images as PNG.
     glance : bool
@@ -301,10 +302,12 @@ def _work(
     """Run in the worker: trace once, then answer one pattern after another."""
     import signal
 
+    from gpuspec.host import collect_seldom
     from gpuspec.light.devices import open_backend
     from gpuspec.report.folder import summary, write_files, write_glance
     from gpuspec.simulation.simulate import trace
 
+    collect_seldom()
     warnings.simplefilter("always", DeviceWarning)
     warnings.showwarning = lambda said, *_, **__: pipe.send(said)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
@@ -315,6 +318,7 @@ def _work(
     except GpuspecError as error:
         pipe.send(error)
         return
+    light_map = traced.light_map
     while True:
         try:
             pattern, target, glance, frames = pipe.recv()
@@ -322,7 +326,8 @@ def _work(
             return
         start = time.perf_counter()
         try:
-            light_map = traced.light_map.with_pattern(pattern)
+            # From the one before: what a pattern needs of the trace is traced but once.
+            light_map = light_map.with_pattern(pattern)
             faulty = light_map.faulty()
             result = traced.result(light_map)
             if glance:

@@ -43,6 +43,7 @@ def plural(count: int, thing: str) -> str:
     Parameters
     ----------
     count : int
+        From 0.
     thing : str
         In the singular.
     """

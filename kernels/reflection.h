@@ -32,45 +32,38 @@ DEVICE Vector scaled(REAL k, Vector a) {
     return vector(k * a.x, k * a.y, k * a.z);
 }
 
-/* Unit vector n/|n| and, for a change dn, its change (dn - N (N.dn)) / |n|. */
-DEVICE Vector unit_change(Vector unit, REAL size, Vector change) {
-    return scaled(1.0f / size, along(change, -inner(unit, change), unit));
+#ifdef POSED
+
+/* A vector of the part's frame in the tunnel's. */
+DEVICE Vector turned(Geometry g, Vector v) {
+    return vector(g.pose_xx * v.x + g.pose_xy * v.y + g.pose_xz * v.z,
+                  g.pose_yx * v.x + g.pose_yy * v.y + g.pose_yz * v.z,
+                  g.pose_zx * v.x + g.pose_zy * v.y + g.pose_zz * v.z);
 }
 
-/* Normal N = (-dz/dx, -dz/dy, 1), not yet a unit vector. */
+/* And back. */
+DEVICE Vector turned_back(Geometry g, Vector v) {
+    return vector(g.pose_xx * v.x + g.pose_yx * v.y + g.pose_zx * v.z,
+                  g.pose_xy * v.x + g.pose_yy * v.y + g.pose_zy * v.z,
+                  g.pose_xz * v.x + g.pose_yz * v.y + g.pose_zz * v.z);
+}
+
+#endif
+
+/* Normal n = (-dz/dx, -dz/dy, 1), not a unit vector. */
 DEVICE Vector surface_normal(Surface s) {
     return vector(-s.slope_x, -s.slope_y, 1.0f);
-}
-
-/* Law of reflection R = I - 2 (I.N) N. */
-DEVICE Vector reflect_direction(Vector incident, Vector normal) {
-    return along(incident, -2.0f * inner(incident, normal), normal);
-}
-
-/* Its change: dR = dI - 2 [(I.N) dN + (dI.N + I.dN) N].
-   H. Igehy, Tracing ray differentials, SIGGRAPH 1999, eq. 14. */
-DEVICE Vector reflect_change(Vector incident, Vector normal, Vector d_incident, Vector d_normal) {
-    Vector d = along(d_incident, -2.0f * inner(incident, normal), d_normal);
-    return along(d, -2.0f * (inner(d_incident, normal) + inner(incident, d_normal)), normal);
 }
 
 /* One Newton step for the height z at which the ray through (x0, y0, 0) meets the surface:
    the ray passes (x0 k, y0 k, z), k = 1 - z/h. */
 DEVICE REAL newton_height(REAL z, Surface s, REAL x0, REAL y0, float h) {
-    return z - (z - s.height) / (1.0f + (s.slope_x * x0 + s.slope_y * y0) / h);
+    float inverse = 1.0f / h;
+    return z - (z - s.height) / (1.0f + (s.slope_x * x0 + s.slope_y * y0) * inverse);
 }
 
-/* Change of the surface point when the ray's point on z = 0 moves by (dx, dy): on a height
-   surface (`rises` = 1) it keeps to the surface, else (0) to z = 0. */
-DEVICE Vector surface_change(Surface s, REAL x0, REAL y0, REAL z, float h, float dx, float dy,
-                             float rises) {
-    REAL k = 1.0f - z / h;
-    REAL dz = rises * (s.slope_x * dx + s.slope_y * dy) * k
-              / (1.0f + (s.slope_x * x0 + s.slope_y * y0) / h);
-    return vector(k * dx - x0 * dz / h, k * dy - y0 * dz / h, dz);
-}
-
-/* Where a ray from `origin` meets the tunnel: path t and the tunnel's normal there. */
+/* Where a ray from `origin` meets the tunnel: its path t, in lengths of `ray`, and the tunnel's normal
+   there, (0, T_y, T_z): it is the same all along x. */
 STRUCT(Hit) {
     REAL path;
     Vector normal;
@@ -119,11 +112,8 @@ DEVICE Hit hit_tunnel(Vector origin, Vector ray, Geometry g) {
 }
 
 /* Fresnel reflectance of unpolarised light on a medium n - ik, at the cosine of the angle of
-   incidence. M. Born, E. Wolf, Principles of Optics, 14.2; 1 where n = k = 0 (ideal mirror). */
+   incidence. M. Born, E. Wolf, Principles of Optics, 14.2. */
 DEVICE REAL fresnel_reflectance(REAL cosine, float n, float k) {
-    if (n == 0.0f && k == 0.0f) {
-        return 1.0f;
-    }
     REAL c2 = cosine * cosine;
     REAL s2 = 1.0f - c2;
     REAL t0 = (n * n - k * k) - s2;
@@ -136,86 +126,241 @@ DEVICE REAL fresnel_reflectance(REAL cosine, float n, float k) {
     return 0.5f * rs * (1.0f + (t3 - t4) / (t3 + t4));
 }
 
-/* A camera ray that meets the part. */
+/* A camera ray that meets the part. No vector here has length 1: a law of reflection asks for none,
+   and roots and divisions are what a pixel costs. */
 STRUCT(CameraRay) {
-    REAL x0;          /* where it passes z = 0, mm */
-    REAL y0;
     Vector point;     /* S, where it meets the surface */
-    Vector direction; /* I = (S - O)/|S - O|, from the pinhole O = (0, 0, h) */
-    REAL distance;    /* |S - O| */
+    Vector direction; /* I = (x0, y0, -h)/h, through (x0, y0, 0) from the pinhole O = (0, 0, h) */
+    REAL share;       /* k = 1 - z/h: S - O = k h I */
 };
 
-/* Camera ray through (x0, y0, 0) to the height z: S = (x0 k, y0 k, z), k = 1 - z/h. */
+/* Camera ray through (x0, y0, 0) to the height z: S = (x0 k, y0 k, z). */
 DEVICE CameraRay camera_ray(REAL x0, REAL y0, REAL z, float h) {
-    REAL k = 1.0f - z / h;
+    float inverse = 1.0f / h;
     CameraRay c;
-    c.x0 = x0;
-    c.y0 = y0;
-    c.point = vector(x0 * k, y0 * k, z);
-    Vector view = vector(c.point.x, c.point.y, z - h);
-    c.distance = sqrt(inner(view, view));
-    c.direction = scaled(1.0f / c.distance, view);
+    c.share = 1.0f - z * inverse;
+    c.point = vector(x0 * c.share, y0 * c.share, z);
+    c.direction = vector(x0 * inverse, y0 * inverse, -1.0f);
     return c;
 }
 
-/* The part as a mirror at a point. */
-STRUCT(Mirror) {
-    Vector normal; /* unit vector N = n/|n| of n = (-dz/dx, -dz/dy, 1) */
-    REAL length;   /* |n| */
-    Vector ray;    /* R, what it makes of the camera ray */
+#ifdef POSED
+
+/* A posed camera's ray through the point (u, v) of its plane in focus, in the part's frame. */
+STRUCT(Aim) {
+    Vector away;      /* from (u, v, 0) of the part to that point Q, small where the pose is */
+    Vector direction; /* I, by the camera's distance h as long as from the pupil to Q */
 };
 
-/* Law of reflection at the surface: R = I - 2 (I.N) N. */
+DEVICE Aim aim_at(Geometry g, REAL u, REAL v) {
+    float inverse = 1.0f / g.camera_height;
+    Aim aim;
+    aim.away = vector(g.view_xx * u + g.view_xy * v + g.view_x,
+                      g.view_yx * u + g.view_yy * v + g.view_y,
+                      g.view_zx * u + g.view_zy * v + g.view_z);
+    aim.direction = vector((u + g.view_xx * u + g.view_xy * v) * inverse - g.view_xz,
+                           (v + g.view_yx * u + g.view_yy * v) * inverse - g.view_yz,
+                           (g.view_zx * u + g.view_zy * v) * inverse - g.view_zz);
+    return aim;
+}
+
+/* That ray at S = Q + way I. */
+DEVICE CameraRay posed_ray(Geometry g, Aim aim, REAL u, REAL v, REAL way) {
+    CameraRay c;
+    c.share = 1.0f + way * (1.0f / g.camera_height);
+    c.point = along(vector(u + aim.away.x, v + aim.away.y, aim.away.z), way, aim.direction);
+    c.direction = aim.direction;
+    return c;
+}
+
+#endif
+
+/* The part as a mirror at a point. */
+STRUCT(Mirror) {
+    Vector normal;       /* n = (-dz/dx, -dz/dy, 1) */
+    REAL inverse_square; /* 1/(n.n) */
+    REAL facing;         /* I.n */
+    REAL twice;          /* 2 (I.n)/(n.n) */
+    Vector ray;          /* R, what it makes of the camera ray, as long as I */
+};
+
+/* Law of reflection at the surface: R = I - 2 (I.n)/(n.n) n. */
 DEVICE Mirror mirror_of(CameraRay c, Surface s) {
-    Vector upright = surface_normal(s);
     Mirror m;
-    m.length = sqrt(inner(upright, upright));
-    m.normal = scaled(1.0f / m.length, upright);
-    m.ray = reflect_direction(c.direction, m.normal);
+    m.normal = surface_normal(s);
+    m.inverse_square = 1.0f / inner(m.normal, m.normal);
+    m.facing = inner(c.direction, m.normal);
+    m.twice = 2.0f * m.facing * m.inverse_square;
+    m.ray = along(c.direction, -m.twice, m.normal);
     return m;
 }
 
-/* Change of the light coordinate l = L_x, L = S + t R, as the camera ray's point on z = 0 moves by
-   (dx, dy): dL = dS + t dR + dt R stays in the tunnel's tangent plane, T.dL = 0.
-   H. Igehy, Tracing ray differentials, SIGGRAPH 1999, eqs. 10 to 14. */
-DEVICE REAL light_change(Geometry g, Surface s, CameraRay c, Mirror m, Hit hit, float dx,
-                         float dy) {
-    Vector dp = surface_change(s, c.x0, c.y0, c.point.z, g.camera_height, dx, dy, g.rises);
-    Vector di = unit_change(c.direction, c.distance, dp);
-    Vector dn = vector(-(s.curve_xx * dp.x + s.curve_xy * dp.y),
-                       -(s.curve_xy * dp.x + s.curve_yy * dp.y), 0.0f);
-    Vector dr = reflect_change(c.direction, m.normal, di, unit_change(m.normal, m.length, dn));
-    Vector moved = along(dp, hit.path, dr);
-    REAL facing = inner(hit.normal, m.ray);
-    REAL dt = -inner(hit.normal, moved) / max(facing, 1e-6f);
-    return moved.x + dt * m.ray.x;
+/* Slopes of a quantity over the plane z = 0, where the camera ray passes it; `turn` is what of them
+   is the ray's turning about its point of the part alone. */
+STRUCT(Gradient) {
+    REAL x;
+    REAL y;
+    REAL turn_x;
+    REAL turn_y;
+};
+
+/* Gradient of the light coordinate l = L_x, L = S + t R. As the camera ray's point on z = 0 moves by e
+   (H. Igehy, Tracing ray differentials, SIGGRAPH 1999, eqs. 10 to 14, for vectors of any length):
+     dl = q.(dS + t dR), q = (1, 0, 0) - R_x/(T.R) T, for L keeps to the tunnel, T.dL = 0;
+     dR = dI - 2 (I.n)/(n.n) dn - 2 (n.dI + R.dn)/(n.n) n, dI = e/h, dn = -(Hessian of z) dS;
+     dS = k (e - (n.e)/(n.I) I) on a height surface, for n.dS = 0, and k e on z = 0.
+   Summed from the left, from q on, dl = (gradient).e has both slopes at once. Of a posed camera e lies
+   in its plane in focus, and what keeps to the part's z = 0 is dS = k (e - e_z/I_z I). */
+DEVICE Gradient light_gradient(Geometry g, Surface s, CameraRay c, Mirror m, Hit hit) {
+#ifdef POSED
+    Vector ray = turned(g, m.ray);
+#else
+    Vector ray = m.ray;
+#endif
+    REAL slide = ray.x * (1.0f / max(inner(hit.normal, ray), 1e-6f));
+    Vector q = vector(1.0f, -slide * hit.normal.y, -slide * hit.normal.z);
+#ifdef POSED
+    q = turned_back(g, q);
+#endif
+    REAL turn = 2.0f * m.inverse_square * inner(q, m.normal);
+    REAL tilt_x = hit.path * (m.twice * q.x + turn * m.ray.x);
+    REAL tilt_y = hit.path * (m.twice * q.y + turn * m.ray.y);
+    REAL swing = hit.path * (1.0f / g.camera_height);
+    Gradient d;
+    d.turn_x = swing * (q.x - turn * m.normal.x);
+    d.turn_y = swing * (q.y - turn * m.normal.y);
+#ifdef POSED
+    REAL turn_z = swing * (q.z - turn * m.normal.z);
+#endif
+    q.x += s.curve_xx * tilt_x + s.curve_xy * tilt_y;
+    q.y += s.curve_xy * tilt_x + s.curve_yy * tilt_y;
+    if (g.rises > 0.0f) {
+        q = along(q, -inner(q, c.direction) / m.facing, m.normal);
+    }
+    d.x = d.turn_x + c.share * q.x;
+    d.y = d.turn_y + c.share * q.y;
+#ifdef POSED
+    if (g.rises == 0.0f) {
+        q.z -= inner(q, c.direction) / c.direction.z;
+    }
+    REAL z = turn_z + c.share * q.z;
+    REAL x = d.x;
+    d.x += g.view_xx * d.x + g.view_yx * d.y + g.view_zx * z;
+    d.y += g.view_xy * x + g.view_yy * d.y + g.view_zy * z;
+    REAL turn_x = d.turn_x;
+    d.turn_x += g.view_xx * turn_x + g.view_yx * d.turn_y + g.view_zx * turn_z;
+    d.turn_y += g.view_xy * turn_x + g.view_yy * d.turn_y + g.view_zy * turn_z;
+#endif
+    return d;
 }
 
-/* Footprint w on the light: w^2 is the sum of the squares of four boxes, each of the variance of
-   the true kernel: the changes of l over a sub-ray's square along columns and along rows, the
-   pupil's sqrt(3)/2 D t/|S - O|, the roughness' sqrt(12) 2 alpha t. */
-DEVICE REAL footprint_of(Geometry g, Surface s, CameraRay c, Mirror m, Hit hit) {
-    float p = g.sampling / g.subsampling;
-    REAL square = 0.0f;
-    for (int axis = 0; axis < 2; axis++) {
-        float dx = (axis == 0) ? p : 0.0f;
-        REAL dl = light_change(g, s, c, m, hit, dx, p - dx);
-        square += dl * dl;
+/* What a pixel averages on the light: a box of width `wide` folded with one of width `narrow`. */
+STRUCT(Footprint) {
+    REAL wide;
+    REAL narrow;
+};
+
+/* The two boxes w1 >= w2 whose variance and fourth cumulant are those of four kernels folded: boxes
+   of the changes of l over a sub-ray's square along columns and along rows, p and q their squares;
+   the pupil, a disc seen edge-on of radius r = D t/(2|S - O|); the roughness, a Gaussian of
+   s = 2 alpha t. With u = 3 r^2 and v = 12 s^2, w1^2 + w2^2 = p + q + u + v and
+   2 w1^2 w2^2 = 2 (pq + (p + q)(u + v) + uv) + u^2/6 + v^2, the latter at most half the former's
+   square: w1 = w2. For the square alone it is exact. */
+DEVICE Footprint two_boxes(REAL p, REAL q, REAL u, REAL v) {
+    REAL sum = p + q + u + v;
+    REAL product = 2.0f * (p * q + (p + q) * (u + v) + u * v) + u * u / 6.0f + v * v;
+    REAL root = sqrt(max(sum * sum - 2.0f * product, 0.0f));
+    REAL larger = 0.5f * (sum + root);
+    REAL smaller = min(0.5f * product / max(larger, 1e-20f), larger);
+    Footprint w;
+    w.wide = max(sqrt(larger), FOOTPRINT_MIN);
+    w.narrow = sqrt(smaller);
+    return w;
+}
+
+/* The square u = 3 r^2 of the pupil's image on the light, a disc seen edge-on, where the camera is
+   focused at the distance F. The ray from a point a of the pupil passes z = 0 at a (1 - h/F) from
+   where that of the pupil's centre does, and is turned by -a/F. Of l that makes
+   a.[(1/k - h/F) gradient - turn/k], of radius r = D/2 times the length of that vector: the part is
+   blurred, while of a light at F + t the pupil sees a point. */
+DEVICE REAL defocused_square(Geometry g, Gradient d, REAL share) {
+    REAL inverse = 1.0f / share;
+    REAL off = inverse - g.camera_height / g.focus;
+    REAL x = off * d.x - inverse * d.turn_x;
+    REAL y = off * d.y - inverse * d.turn_y;
+    return 0.75f * g.pupil * g.pupil * (x * x + y * y);
+}
+
+/* How much further a sub-ray at t pixels from its pixel's centre is where that looks at a spot: spread
+   so that all have the spot's variance and fourth cumulant. */
+DEVICE float spot_offset(Geometry g, float t) {
+    return t * (g.widening + g.warp * t * t);
+}
+
+/* Footprint where a pixel looks at a spot: a square of side p blurred by a Gaussian b and, off focus, by
+   the pupil. Its sub-rays have the spot's variance, that of a square of side `spot`, each of them turned
+   as the pupil's points that look there are on average, by -lean its distance. What that leaves out
+   of the variance is one's own disc. */
+DEVICE Footprint spot_footprint(Geometry g, Gradient d, REAL share, REAL disc, REAL gauss) {
+    float p = g.sampling;
+    REAL square = d.x * d.x + d.y * d.y;
+    if (g.focus > 0.0f) {
+        disc = defocused_square(g, d, share);
     }
-    REAL pupil = 0.8660254f * g.pupil * hit.path / c.distance;
-    REAL rough = 6.9282032f * g.roughness * hit.path;
-    return max(sqrt(square + pupil * pupil + rough * rough), FOOTPRINT_MIN);
+    REAL lens = 12.0f * g.blur * g.blur * square;
+    REAL across = p * d.x;
+    REAL down = p * d.y;
+    if (g.subsampling > 1.0f) {
+        REAL lean = g.lean / share;
+        across = g.spot * (d.x - lean * d.turn_x);
+        down = g.spot * (d.y - lean * d.turn_y);
+        float part = 1.0f / (g.subsampling * g.subsampling);
+        REAL x = across * across;
+        REAL y = down * down;
+        disc = max(p * p * square + lens + disc - (x + y), 0.0f);
+        return two_boxes(part * x, part * y, disc, gauss);
+    }
+    return two_boxes(across * across, down * down, disc, gauss + lens);
+}
+
+/* Footprint on the light of a sub-ray's square, the pupil and the roughness. */
+DEVICE Footprint footprint_under(Geometry g, Gradient slope, CameraRay c, Mirror m, Hit hit) {
+    float p = g.sampling / g.subsampling;
+    REAL across = p * slope.x;
+    REAL down = p * slope.y;
+    float diameter = 0.8660254f * g.pupil / g.camera_height;
+    REAL pupil = diameter * hit.path / c.share;
+#ifdef POSED
+    /* Exact, where the light is met as obliquely as a tilt makes it. */
+    REAL swing = sqrt(slope.turn_x * slope.turn_x + slope.turn_y * slope.turn_y);
+    pupil = diameter * g.camera_height * swing / c.share;
+#endif
+    REAL rough = 0.0f;
+    if (g.roughness > 0.0f) {
+        rough = 6.9282032f * g.roughness * hit.path * sqrt(inner(m.ray, m.ray));
+    }
+    if (g.blur > 0.0f || g.focus > 0.0f) {
+        return spot_footprint(g, slope, c.share, pupil * pupil, rough * rough);
+    }
+    return two_boxes(across * across, down * down, pupil * pupil, rough * rough);
+}
+
+/* The same at a point of the part. */
+DEVICE Footprint footprint_of(Geometry g, Surface s, CameraRay c, Mirror m, Hit hit) {
+    return footprint_under(g, light_gradient(g, s, c, m, hit), c, m, hit);
 }
 
 /* Why the ray to the light point sees no light: the first that holds of beside the part, reflected
-   down, past the tunnel's end, in the camera's opening (a rectangle in the tunnel's top). */
-DEVICE REAL loss_of(Geometry g, CameraRay c, Mirror m, Hit hit, Vector light) {
+   down, past the tunnel's end, in the camera's opening (a rectangle in the tunnel's top). At a point
+   that an edge defect decides, `outline` says: 1 of the part, in a burr, -1 beside it, in a chip. */
+DEVICE REAL loss_of(Geometry g, CameraRay c, Mirror m, Hit hit, Vector light, REAL outline) {
     MASK opening = fabs(light.x) <= g.opening_half_length && fabs(light.y) <= g.opening_half_width
                    && hit.normal.z > 0.0f && g.opening_half_length > 0.0f;
     REAL lost = (opening ? LOST_OPENING : LOST_NOT);
     lost = (fabs(light.x) > g.tunnel_half_length ? LOST_END : lost);
     lost = (m.ray.z <= 0.0f ? LOST_DOWN : lost);
     MASK beside = fabs(c.point.x) > g.half_length || fabs(c.point.y) > g.half_width;
+    beside = (beside && outline <= 0.0f) || outline < 0.0f;
     return (beside ? LOST_BESIDE : lost);
 }
 
@@ -228,38 +373,78 @@ DEVICE REAL loss_of_both(REAL a, REAL b) {
 /* Relative irradiance on the sensor: the mirror's reflectance, and cos^4 of the field angle where
    the camera has vignetting. */
 DEVICE REAL irradiance_of(Geometry g, CameraRay c, Mirror m) {
-    float h = g.camera_height;
-    REAL cosine = h / sqrt(c.x0 * c.x0 + c.y0 * c.y0 + h * h);
-    REAL field = (g.vignetting > 0.0f) ? cosine * cosine * cosine * cosine : 1.0f;
-    return field * fresnel_reflectance(fabs(inner(c.direction, m.normal)), g.refractive_index,
-                                       g.extinction);
+    REAL irradiance = 1.0f;
+    REAL square = inner(c.direction, c.direction);
+    if (g.vignetting > 0.0f) {
+        irradiance = 1.0f / (square * square);
+    }
+    if (g.refractive_index > 0.0f || g.extinction > 0.0f) {
+        REAL cosine = fabs(m.facing) * sqrt(m.inverse_square / square);
+        irradiance *= fresnel_reflectance(cosine, g.refractive_index, g.extinction);
+    }
+    return irradiance;
 }
 
 /* What one ray knows of the light: the light map's entry. */
 STRUCT(Sight) {
     REAL light;      /* light coordinate l, mm */
     REAL across;     /* the light point's other coordinate, L_y, mm */
-    REAL footprint;  /* width w of the box on the light, mm */
+    REAL wide;       /* widths of the two boxes on the light, mm */
+    REAL narrow;
     REAL irradiance; /* relative: reflectance x vignetting, 0 where lost */
     REAL lost;       /* LOST_... */
 };
 
-/* One ray whole, from the camera over the surface `s` at height z to the light. */
-DEVICE Sight sight(Geometry g, Surface s, REAL x0, REAL y0, REAL z) {
+#ifdef POSED
+/* One ray whole, over the surface `s` of a posed part: reflected in the part's frame, it meets the
+   tunnel in the tunnel's. `again` is where it meets the part first, `hidden` where another piece of the
+   part is before its point; the rest as of `sight_from`. */
+DEVICE Sight posed_sight(Geometry g, Surface s, CameraRay c, float x, float y, REAL outline,
+                         MASK hidden, MASK again) {
+#else
+/* One ray whole, from the camera over the surface `s` at height z to the light; (x, y) is how far on
+   z = 0 it is from its pixel's centre, where the camera is off focus; `outline` as in `loss_of`. */
+DEVICE Sight sight_from(Geometry g, Surface s, REAL x0, REAL y0, REAL z, float x, float y,
+                        REAL outline) {
     CameraRay c = camera_ray(x0, y0, z, g.camera_height);
+#endif
     Mirror m = mirror_of(c, s);
-    Hit hit = hit_tunnel(c.point, m.ray, g);
-    Vector light = along(c.point, hit.path, m.ray);
-    REAL footprint = footprint_of(g, s, c, m, hit);
+    Mirror leaving = m;
+    Vector from = c.point;
+#ifdef POSED
+    leaving.ray = turned(g, m.ray);
+    from = along(vector(g.pose_x, g.pose_y, g.pose_z), 1.0f, turned(g, c.point));
+#endif
+    Hit hit = hit_tunnel(from, leaving.ray, g);
+    Vector light = along(from, hit.path, leaving.ray);
+    Gradient slope = light_gradient(g, s, c, m, hit);
+    Footprint footprint = footprint_under(g, slope, c, m, hit);
     REAL irradiance = irradiance_of(g, c, m);
+    if (g.lean != 0.0f) {
+        light.x -= g.lean / c.share * (x * slope.turn_x + y * slope.turn_y);
+    }
     Sight v;
-    v.lost = loss_of(g, c, m, hit, light);
+    v.lost = loss_of(g, c, leaving, hit, light, outline);
+#ifdef POSED
+    /* What is behind the camera is beside the part. */
+    v.lost = (c.share <= 0.0f ? LOST_BESIDE : v.lost);
+    v.lost = (again && v.lost != LOST_BESIDE && v.lost != LOST_DOWN ? LOST_AGAIN : v.lost);
+    v.lost = ((hidden || m.facing >= 0.0f) && v.lost != LOST_BESIDE ? LOST_HIDDEN : v.lost);
+#endif
     MASK lit = v.lost == LOST_NOT;
     v.light = (lit ? light.x : 0.0f);
     v.across = light.y;
-    v.footprint = (lit ? footprint : 1.0f);
+    v.wide = (lit ? footprint.wide : 1.0f);
+    v.narrow = (lit ? footprint.narrow : 0.0f);
     v.irradiance = (lit ? irradiance : 0.0f);
     return v;
 }
+
+#ifndef POSED
+/* The same of a pixel's centre. */
+DEVICE Sight sight(Geometry g, Surface s, REAL x0, REAL y0, REAL z, REAL outline) {
+    return sight_from(g, s, x0, y0, z, 0.0f, 0.0f, outline);
+}
+#endif
 
 #endif

@@ -54,6 +54,52 @@ DEVICE Surface grooves_at(Surface s, Lists lists, int first, int last, Place at,
     return s;
 }
 
+/* What the edge defects of a block, its last pieces, say of a point: 1 of the part, -1 beside it, 0
+   nothing. Of several that it is in, the first says. */
+DEVICE REAL outline_at(Lists lists, int first, int last, Place at, float sampling) {
+    REAL said = 0.0f;
+    for (int i = last - 1; i >= first; i--) {
+        Groove edge = GROOVE(lists, PIECE(lists, i));
+        if (edge.outline == 0.0f) {
+            break;
+        }
+        REAL dx = offset_mm(at.column, at.sub_x, edge.column, edge.column_fraction, sampling)
+                  + at.shift_x;
+        REAL dy = at.shift_y - offset_mm(at.row, at.sub_y, edge.row, edge.row_fraction, sampling);
+        REAL says = edge.outline;
+        said = in_ellipse(dx, dy, edge) ? says : said;
+    }
+    return said;
+}
+
+#ifdef MIXED_BLOCKS
+/* Both for neighbours in a REAL that may lie in different blocks: `lists` has the pieces of each
+   block among them, and whose it is. */
+DEVICE Surface mixed_grooves_at(Surface s, Lists lists, Place at, float sampling) {
+    for (int i = 0; i < lists.blocks; i++) {
+        Surface with = grooves_at(s, lists, lists.first[i], lists.last[i], at, sampling);
+        MASK mine = lists.mine[i];
+        s.height = mine ? with.height : s.height;
+        s.slope_x = mine ? with.slope_x : s.slope_x;
+        s.slope_y = mine ? with.slope_y : s.slope_y;
+        s.curve_xx = mine ? with.curve_xx : s.curve_xx;
+        s.curve_xy = mine ? with.curve_xy : s.curve_xy;
+        s.curve_yy = mine ? with.curve_yy : s.curve_yy;
+    }
+    return s;
+}
+
+/* What the edge defects of those blocks say. */
+DEVICE REAL mixed_outline_at(Lists lists, Place at, float sampling) {
+    REAL said = 0.0f;
+    for (int i = 0; i < lists.blocks; i++) {
+        REAL says = outline_at(lists, lists.first[i], lists.last[i], at, sampling);
+        said = lists.mine[i] ? says : said;
+    }
+    return said;
+}
+#endif
+
 /* Height, slope and curvature of a measured map at (u, v), in points of its grid: a cubic B-spline
    along x and along y. */
 DEVICE Surface map_surface(Lists lists, Map map, REAL u, REAL v) {
@@ -120,6 +166,94 @@ DEVICE Surface maps_at(Surface s, Lists lists, Place at, float sampling) {
     return s;
 }
 
+/* What the edge defects of a place's block say of it. */
+DEVICE REAL block_outline(Lists lists, int first, int last, Place at, float sampling) {
+    REAL outline = 0.0f;
+#ifdef MIXED_BLOCKS
+    outline = mixed_outline_at(lists, at, sampling);
+#else
+    if (first < last) {
+        outline = outline_at(lists, first, last, at, sampling);
+    }
+#endif
+    return outline;
+}
+
+/* Shape and relief at a place, (x0, y0) less its shift. */
+DEVICE Surface part_at(Geometry g, Lists lists, int first, int last, Place at, REAL x0, REAL y0) {
+    Surface s = shape_at(g, x0 + at.shift_x, y0 + at.shift_y);
+#ifdef MIXED_BLOCKS
+    s = mixed_grooves_at(s, lists, at, g.sampling);
+#else
+    if (first < last) {
+        s = grooves_at(s, lists, first, last, at, g.sampling);
+    }
+#endif
+    return maps_at(s, lists, at, g.sampling);
+}
+
+#ifdef POSED
+
+/* Whether a ray from the part's point `from`, at a place, dips below the part: looked at in steps that
+   grow with their number, until it is above the highest point or at the part's edge. Of grooves those
+   count that reach its pixel's block. */
+DEVICE MASK meets_part(Geometry g, Lists lists, int first, int last, Place at, REAL x0, REAL y0,
+                       Vector from, Vector ray) {
+    REAL x = (ray.x < 0.0f ? -from.x : from.x);
+    REAL y = (ray.y < 0.0f ? -from.y : from.y);
+    REAL way = min((g.half_length - x) / max(fabs(ray.x), 1e-6f),
+                   (g.half_width - y) / max(fabs(ray.y), 1e-6f));
+    REAL up = max(g.highest - from.z, 0.0f) / max(ray.z, 1e-6f);
+    way = max(ray.z > 0.0f ? min(way, up) : way, 0.0f);
+    MASK met = way < 0.0f;
+    int steps = INT(g.march_steps);
+    for (int i = 1; i <= steps; i++) {
+        float share = FLOAT(i) / g.march_steps;
+        Vector to = along(from, share * share * way, ray);
+        at.shift_x = to.x - x0;
+        at.shift_y = to.y - y0;
+        Surface s = part_at(g, lists, first, last, at, x0, y0);
+        met = met || to.z < s.height - g.march_slack;
+    }
+    return met;
+}
+
+/* What a place's ray sees of a posed part, or of one that it may meet twice: by Newton's method from
+   the highest point on, if so. */
+DEVICE Sight posed_sub_ray(Geometry g, Lists lists, int first, int last, Place at, REAL u, REAL v) {
+    Aim aim = aim_at(g, u, v);
+    Vector look = aim.direction;
+    float begin = g.march_steps > 0.0f ? g.highest : 0.0f;
+    REAL way = (begin - aim.away.z) / look.z;
+    Surface s;
+    int steps = g.rises > 0.0f ? POSED_STEPS : 0;
+    REAL miss = 0.0f;
+    for (int k = 0; k <= steps; k++) {
+        at.shift_x = aim.away.x + way * look.x;
+        at.shift_y = aim.away.y + way * look.y;
+        s = part_at(g, lists, first, last, at, u, v);
+        miss = aim.away.z + way * look.z - s.height;
+        if (k < steps) {
+            way -= miss / (look.z - s.slope_x * look.x - s.slope_y * look.y);
+        }
+    }
+    CameraRay c = posed_ray(g, aim, u, v, way);
+    MASK hidden = way != way;
+    MASK again = hidden;
+    if (g.march_steps > 0.0f) {
+        Vector back = scaled(-1.0f, look);
+        Mirror m = mirror_of(c, s);
+        hidden = fabs(miss) > g.march_slack
+                 || meets_part(g, lists, first, last, at, u, v, c.point, back);
+        again = meets_part(g, lists, first, last, at, u, v, c.point, m.ray);
+    }
+    REAL outline = block_outline(lists, first, last, at, g.sampling);
+    return posed_sight(g, s, c, (at.sub_x - 0.5f) * g.sampling, (0.5f - at.sub_y) * g.sampling,
+                       outline, hidden, again);
+}
+
+#endif
+
 /* Sub-ray `index` of the pixel at (column, row) of the whole image, its block's grooves being
    `first` to `last`: the height at which it meets the part, by Newton's method where the surface
    rises, and what it sees there. */
@@ -127,29 +261,34 @@ DEVICE Sight sub_ray(Geometry g, Lists lists, int first, int last, REAL column, 
                      int index) {
     int side = INT(g.subsampling);
     float h = g.camera_height;
+    float inverse = 1.0f / h;
     Place at;
     at.column = column;
     at.row = row;
     at.sub_x = (FLOAT(index % side) + 0.5f) / g.subsampling;
     at.sub_y = (FLOAT(index / side) + 0.5f) / g.subsampling;
+    at.sub_x += spot_offset(g, at.sub_x - 0.5f);
+    at.sub_y += spot_offset(g, at.sub_y - 0.5f);
     REAL x0 = ((column - 0.5f * g.columns) + at.sub_x) * g.sampling;
     REAL y0 = ((0.5f * g.rows - row) - at.sub_y) * g.sampling;
+#ifdef POSED
+    return posed_sub_ray(g, lists, first, last, at, x0, y0);
+#else
     REAL z = 0.0f;
     Surface s;
     int steps = g.rises > 0.0f ? NEWTON_STEPS : 0;
     for (int k = 0; k <= steps; k++) {
-        at.shift_x = -x0 * z / h;
-        at.shift_y = -y0 * z / h;
-        s = crown(x0 + at.shift_x, y0 + at.shift_y, g.curvature_x, g.curvature_y);
-        if (first < last) {
-            s = grooves_at(s, lists, first, last, at, g.sampling);
-        }
-        s = maps_at(s, lists, at, g.sampling);
+        at.shift_x = -x0 * (z * inverse);
+        at.shift_y = -y0 * (z * inverse);
+        s = part_at(g, lists, first, last, at, x0, y0);
         if (k < steps) {
             z = newton_height(z, s, x0, y0, h);
         }
     }
-    return sight(g, s, x0, y0, z);
+    return sight_from(g, s, x0, y0, z, (at.sub_x - 0.5f) * g.sampling,
+                      (0.5f - at.sub_y) * g.sampling,
+                      block_outline(lists, first, last, at, g.sampling));
+#endif
 }
 
 #endif

@@ -10,6 +10,9 @@
 /* Image number of the maps that do not change from image to image (PRNU, DSNU). */
 #define FIXED_PATTERN 0xffffffffu
 
+/* And of the normal numbers that stand for the noise of a whole sequence. */
+#define ONE_DRAW 0xfffffffeu
+
 STRUCT(Words) {
     COUNTER a;
     COUNTER b;

@@ -9,57 +9,64 @@
 /* The light map of a tile and where this work-item stands in it. */
 typedef struct {
     __global const float *light;
-    __global const float *footprint;
+    __global const float *wide;
+    __global const float *narrow;
     __global const float *irradiance;
     size_t at;
     size_t plane;
     int sub_rays;
 } Pixels;
 
-DEVICE Ray ray_at(Pixels px, int i) {
-    size_t at = px.at + i * px.plane;
-    Ray ray = {LOAD(px.light, at), LOAD(px.footprint, at), LOAD(px.irradiance, at)};
-    return ray;
-}
-
-#define RAY(px, i) ray_at(px, i)
+#define RAY(px, i)                                                                            \
+    ray_of((px).light, (px).wide, (px).narrow, (px).irradiance, (px).at + (i) * (px).plane)
 #include "scan.h"
+
+/* The table of a sensor's noise. */
+typedef struct {
+    __global const float *entries;
+    float last;
+} Cells;
+
+#define CELL(cells, i, k) GATHER((cells).entries + (k), TO_COUNTER(4.0f * (i)))
+#include "noise.h"
 
 /* What a work-item starts from: its pixels, and where in the launch's grey levels they stand. */
 #define PIXELS(px, column, row)                                                               \
     size_t stride = get_global_size(0) * WIDTH;                                               \
     size_t at = get_global_id(1) * stride + get_global_id(0) * WIDTH;                         \
-    Pixels px = {light, footprint, irradiance, at, stride * (size_t)rows, sub_rays};          \
+    Pixels px = {light, wide, narrow, irradiance, at, stride * (size_t)rows, sub_rays};          \
     size_t out = at - get_global_offset(1) * stride;                                          \
     Design d = *design;                                                                       \
     COUNTER column = TO_COUNTER((float)(get_global_id(0) * WIDTH) + LANES);                   \
-    COUNTER row = (uint)(first_row + get_global_id(1));
+    COUNTER row = (uint)(first_row + get_global_id(1));                                       \
+    if (columns > 0u) { /* pixels of a list, of an image of so many columns */                \
+        COUNTER number = LOAD_COUNTERS(pixels, at + stride * (size_t)first_row);              \
+        row = number / columns;                                                               \
+        column = number - row * columns;                                                      \
+    }
 
 /* Image k of the sequence, in grey levels. */
-__kernel void image_at(__global float *grey, __global const float *light,
-                       __global const float *footprint, __global const float *irradiance,
-                       __global const Design *restrict design, int sub_rays, int first_row,
-                       int rows, int k) {
+__kernel void image_at(__global float *grey, LIGHT_MAP(const),
+                       __global const Design *restrict design, __global const uint *pixels,
+                       uint columns, int sub_rays, int first_row, int rows, int k) {
     PIXELS(px, column, row)
     Normals pattern = fixed_pattern(d, column, row);
     STORE(grey_level(signal_of(d, px, k), d, k, column, row, pattern), grey, out);
 }
 
 /* Mean of all images, without holding any. */
-__kernel void mean_of_images(__global float *mean, __global const float *light,
-                             __global const float *footprint, __global const float *irradiance,
-                             __global const Design *restrict design, int sub_rays, int first_row,
-                             int rows) {
+__kernel void mean_of_images(__global float *mean, LIGHT_MAP(const),
+                             __global const Design *restrict design, __global const uint *pixels,
+                             uint columns, int sub_rays, int first_row, int rows) {
     PIXELS(px, column, row)
     STORE(mean_over_images(d, px, column, row), mean, out);
 }
 
 /* Mean, maximum, minimum, standard deviation and differential, one plane each.
    Without restrict: with it PoCL spills the loop's registers, and takes 1.5 times as long. */
-__kernel void fuse_images(__global float *fused, __global const float *light,
-                          __global const float *footprint, __global const float *irradiance,
-                          __global const Design *design, int sub_rays, int first_row,
-                          int rows) {
+__kernel void fuse_images(__global float *fused, LIGHT_MAP(const),
+                          __global const Design *design, __global const uint *pixels,
+                          uint columns, int sub_rays, int first_row, int rows) {
     PIXELS(px, column, row)
     size_t plane = stride * get_global_size(1);
     Fusion f = fusion_over_images(d, px, column, row);
@@ -69,3 +76,56 @@ __kernel void fuse_images(__global float *fused, __global const float *light,
     STORE(f.deviation, fused, out + 3 * plane);
     STORE(f.difference, fused, out + 4 * plane);
 }
+
+/* Mean over whole periods in equal steps under designs that differ in exposure alone, one plane each,
+   without noise: what a pixel sees of the stripes is worked out once for all. */
+__kernel void means_of_exposures(__global float *means, LIGHT_MAP(const),
+                                 __global const Design *restrict design,
+                                 __global const float *restrict exposures, int count,
+                                 int sub_rays, int rows) {
+    size_t stride = get_global_size(0) * WIDTH;
+    size_t at = get_global_id(1) * stride + get_global_id(0) * WIDTH;
+    size_t plane = stride * (size_t)rows;
+    Pixels px = {light, wide, narrow, irradiance, at, plane, sub_rays};
+    Design d = *design;
+    d.exposure = 1.0f;
+    int shifts = (int)d.distinct_shifts;
+    REAL sums[EXPOSURES];
+    for (int e = 0; e < count; e++) {
+        sums[e] = 0.0f;
+    }
+    for (int first = 0; first < shifts; first += CHUNK) {
+        Signals signals = signals_from(d, px, first);
+        int last = shifts - first < CHUNK ? shifts - first : CHUNK;
+        for (int e = 0; e < count; e++) {
+            float gain = exposures[e];
+            REAL part = 0.0f;
+            for (int j = 0; j < last; j++) {
+                part += min(gain * signals.value[j], 1.0f);
+            }
+            sums[e] += part;
+        }
+    }
+    for (int e = 0; e < count; e++) {
+        STORE(d.full_scale * sums[e] / d.distinct_shifts, means,
+              e * stride * get_global_size(1) + at - get_global_offset(1) * stride);
+    }
+}
+
+#ifndef PROFILE
+/* Mean and standard deviation of the noisy mean over all its draws, and one draw: a plane each. No
+   image is made. */
+__kernel void noisy_mean(__global float *planes, LIGHT_MAP(const),
+                         __global const Design *restrict design, __global const uint *pixels,
+                         uint columns, int sub_rays, int first_row, int rows,
+                         __global const float *entries, float last) {
+    PIXELS(px, column, row)
+    size_t plane = stride * get_global_size(1);
+    Cells cells = {entries, last};
+    Trapezoid t = sensed(exposed_at(d, px, 0), fixed_pattern(d, column, row), d);
+    Moments m = noisy_mean_over_scan(t, d, noise_of(d, cells), cells);
+    STORE(m.mean, planes, out);
+    STORE(sqrt(m.variance), planes, out + plane);
+    STORE(one_draw(m, normal_of(d, column, row), d.full_scale), planes, out + 2 * plane);
+}
+#endif

@@ -27,8 +27,40 @@ RECORD(Geometry) {
     float roughness;           /* rms slope alpha */
     float refractive_index;    /* n */
     float extinction;          /* k; n = k = 0: an ideal mirror */
-    float unused_0;
-    float unused_1;
+    float spherical;           /* 1: the crown is a sphere, of curvature_x */
+    float focus;               /* F, from the pupil to the plane in focus; 0: on the part everywhere */
+    float blur;                /* standard deviation of the lens's spot on z = 0 */
+    float spot;                /* side of a square of the variance of where a pixel looks */
+    float widening;            /* by which sub-rays are further than the pixel's from its centre, as a */
+    float warp;                /* share of their distance t in pixels, and of its cube */
+    float lean;                /* mm of the pupil, on average, for each mm from the pixel's centre */
+    float view_xx;             /* of a posed camera: its axes in the part's frame, xx and yy less 1, */
+    float view_xy;             /* x of its y axis, */
+    float view_xz;             /* of that which looks back at it; */
+    float view_yx;
+    float view_yy;
+    float view_yz;
+    float view_zx;
+    float view_zy;
+    float view_zz;
+    float view_x;              /* and the middle of its image */
+    float view_y;
+    float view_z;
+    float pose_xx;             /* of a posed part: its axes in the tunnel's frame, */
+    float pose_xy;
+    float pose_xz;
+    float pose_yx;
+    float pose_yy;
+    float pose_yz;
+    float pose_zx;
+    float pose_zy;
+    float pose_zz;
+    float pose_x;              /* and its origin */
+    float pose_y;
+    float pose_z;
+    float march_steps;         /* of a ray that may meet the part again; 0: none may */
+    float march_slack;         /* how far below the surface it has met it */
+    float highest;             /* point of the part */
     float unused_2;
 };
 
@@ -53,10 +85,48 @@ RECORD(Design) {
     float noise;               /* 1 with noise, 0 without */
     float seed_low;            /* low and high 16 bits: a float does not count to 2^32 */
     float seed_high;
-    float unused;
+    float harmonics;           /* of a light that is no stripes: how many, 0 of stripes */
+    float mean_luminance;      /* of it over a period, and of each harmonic the cosine and the sine */
+    float cosine_1;
+    float sine_1;
+    float cosine_2;
+    float sine_2;
+    float cosine_3;
+    float sine_3;
+    float cosine_4;
+    float sine_4;
+    float cosine_5;
+    float sine_5;
+    float cosine_6;
+    float sine_6;
+    float cosine_7;
+    float sine_7;
+    float cosine_8;
+    float sine_8;
+    float cosine_9;
+    float sine_9;
+    float cosine_10;
+    float sine_10;
+    float cosine_11;
+    float sine_11;
+    float cosine_12;
+    float sine_12;
+    float cosine_13;
+    float sine_13;
+    float cosine_14;
+    float sine_14;
+    float cosine_15;
+    float sine_15;
+    float cosine_16;
+    float sine_16;
+    float diffuse;             /* what the part scatters of all the light, over what it mirrors of 1 */
+    float unused_0;
+    float unused_1;
 };
 
-/* A straight piece of a groove's centre line; a dent or a bump is a piece of no length. */
+/* A straight piece of a groove's centre line; a dent or a bump is a piece of no length. Or an edge
+   defect, half an ellipse about its place on the part's edge, which a block lists after the grooves:
+   along the edge to the ellipse's end, height 0, and 1 / depth^2 in the variance's place. */
 RECORD(Groove) {
     float column;              /* of its start, whole pixels: with the fraction exact anywhere */
     float row;
@@ -69,7 +139,7 @@ RECORD(Groove) {
     float height;              /* at the centre line, < 0 down */
     float inverse_variance;    /* 1 / sigma^2 */
     float defect;              /* its number */
-    float unused;
+    float outline;             /* of an edge defect: -1 chip, 1 burr; 0 of a groove */
 };
 
 /* A map of measured relief: B-spline coefficients on a regular grid. */

@@ -36,15 +36,42 @@ DEVICE Surface add_surface(Surface a, Surface b) {
 /* Crown: the sum of two sagittas, z = -c u^2 / (1 + sqrt(1 - c^2 u^2)), c = 1/radius.
    This form of R - sqrt(R^2 - u^2) does not cancel. */
 DEVICE Surface crown(REAL x, REAL y, float cx, float cy) {
+    Surface s = flat_surface();
+    if (cx == 0.0f && cy == 0.0f) {
+        return s;
+    }
     REAL qx = sqrt(max(1.0f - cx * cx * x * x, 1e-6f));
     REAL qy = sqrt(max(1.0f - cy * cy * y * y, 1e-6f));
-    Surface s = flat_surface();
     s.height = -(cx * x * x) / (1.0f + qx) - (cy * y * y) / (1.0f + qy);
     s.slope_x = -(cx * x) / qx;
     s.slope_y = -(cy * y) / qy;
     s.curve_xx = -cx / (qx * qx * qx);
     s.curve_yy = -cy / (qy * qy * qy);
     return s;
+}
+
+/* Sphere: z = -c r^2 / (1 + sqrt(1 - c^2 r^2)), r the distance to the z axis, c = 1/radius. */
+DEVICE Surface sphere(REAL x, REAL y, float c) {
+    REAL square = x * x + y * y;
+    REAL q = 1.0f / sqrt(max(1.0f - c * c * square, 1e-6f));
+    REAL even = -c * q;
+    REAL more = even * (c * q) * (c * q);
+    Surface s;
+    s.height = -(c * square) / (1.0f + 1.0f / q);
+    s.slope_x = even * x;
+    s.slope_y = even * y;
+    s.curve_xx = even + more * x * x;
+    s.curve_xy = more * x * y;
+    s.curve_yy = even + more * y * y;
+    return s;
+}
+
+/* The part's shape without relief. */
+DEVICE Surface shape_at(Geometry g, REAL x, REAL y) {
+    if (g.spherical > 0.0f) {
+        return sphere(x, y, g.curvature_x);
+    }
+    return crown(x, y, g.curvature_x, g.curvature_y);
 }
 
 /* Distance in mm from a station point, split into whole pixels and a fraction, to a sub-ray
@@ -102,6 +129,15 @@ DEVICE Surface gaussian_groove(Nearest n, float depth, float inverse_variance) {
     s.curve_xy = kk * n.away_x * n.away_y + k * n.along_x * n.along_y;
     s.curve_yy = kk * n.away_y * n.away_y - k * (1.0f - n.along_y * n.along_y);
     return s;
+}
+
+/* Whether the point (dx, dy) from the middle of an edge defect is in its ellipse: u^2 + v^2 < 1, u
+   along the edge in halves of its width, v across in its depth. */
+DEVICE MASK in_ellipse(REAL dx, REAL dy, Groove edge) {
+    REAL u = (dx * edge.along_x + dy * edge.along_y) * edge.inverse_square;
+    REAL off_x = dx - u * edge.along_x;
+    REAL off_y = dy - u * edge.along_y;
+    return u * u + (off_x * off_x + off_y * off_y) * edge.inverse_variance < 1.0f;
 }
 
 /* Weights of four neighbouring coefficients in a cubic B-spline, and in its derivatives;

@@ -6,6 +6,45 @@
 #include "sensor.h"
 #include "image.h"
 
+/* The table of a sensor's noise. */
+typedef struct {
+    __global const float *entries;
+    float last;
+} Cells;
+
+#define CELL(cells, i, k) GATHER((cells).entries + (k), TO_COUNTER(4.0f * (i)))
+#include "noise.h"
+
+/* Of pixels with noise: their normal numbers, for a draw, their gain and their dark signal. */
+#define NOISE(access)                                                                         \
+    __global access float *normal, __global access float *gain, __global access float *dark,   \
+        __global const float *entries, float last_cell
+
+/* What makes a grey level from a pixel under a design, the same for all pixels. */
+#define UNDER(design)                                                                         \
+    Design d = design;                                                                        \
+    Cells cells = {entries, last_cell};                                                       \
+    Noise noise = noise_of(d, cells);
+
+/* Grey level of a pixel of the aspect image or, with noise, of one draw of it. */
+#define GREY(at) grey_of(d, noise, cells, RAY_AT(at), normal, gain, dark, at)
+
+DEVICE REAL grey_of(Design d, Noise noise, Cells cells, Ray ray, __global const float *normal,
+                    __global const float *gain, __global const float *dark, size_t at) {
+    Trapezoid t = exposed_ray(d, ray, 1);
+    if (d.noise == 0.0f) {
+        return d.full_scale * mean_over_scan(t, d.distinct_shifts);
+    }
+    if (HAS_PATTERN(d)) {
+        Normals pattern = {LOAD(gain, at), LOAD(dark, at)};
+        t = sensed(t, pattern, d);
+    } else {
+        t = sensed_alike(t, d);
+    }
+    Moments m = noisy_mean_over_scan(t, d, noise, cells);
+    return one_draw(m, LOAD(normal, at), d.full_scale);
+}
+
 /* Level of a grey level: of the 256 thresholds, 1 / `per_dn` apart from 0 on, how many it is above.
    With 8 bits per pixel they are the whole grey levels, `per_dn` is 1. A level is the place of a
    counter: what rounding puts above the last is the last, and what is no number is 0. */
@@ -16,42 +55,40 @@ DEVICE REAL level_of(REAL grey, float per_dn) {
     return level < last ? level : last;
 }
 
-/* Level of a pixel of the aspect image under the design d. */
-#define LEVEL(at)                                                                              \
-    level_of(d.full_scale * mean_over_scan(exposed_ray(d, LOAD(light, at), LOAD(footprint, at),  \
-                                                     LOAD(irradiance, at), 1), d.distinct_shifts),  \
-             per_dn)
+/* Its level. */
+#define LEVEL(at) level_of(GREY(at), per_dn)
 
-#if WIDTH == 8
+#if WIDTH > 1
 
-/* Levels of some pixels under many designs. One work-item does a stretch of pixels for one design;
+/* Levels of the `pixels` from place `begin` on under many designs. One work-item does a stretch of
+   pixels for one design;
    designs are the fast index, so that a stretch stays in the cache for all of them. Each lane
    counts for itself: an even surface wants one counter only, and would wait for it. */
-__kernel void count_levels(__global uint *counts, __global const float *light,
-                           __global const float *footprint, __global const float *irradiance,
-                           __global const Design *designs, float per_dn, uint pixels,
-                           uint stretch) {
-    Design d = designs[get_global_id(0)];
-    uint first = (uint)get_global_id(1) * stretch;
-    uint last = first + stretch < pixels ? first + stretch : pixels;
-    uint own[8 * LEVELS];
-    for (int i = 0; i < 8 * LEVELS; i++) {
+__kernel void count_levels(__global uint *counts, LIGHT_MAP(const), NOISE(const),
+                           __global const Design *designs, float per_dn, uint begin,
+                           uint pixels, uint stretch) {
+    UNDER(designs[get_global_id(0)])
+    uint first = begin + (uint)get_global_id(1) * stretch;
+    uint end = begin + pixels;
+    uint last = first + stretch < end ? first + stretch : end;
+    uint own[WIDTH * LEVELS];
+    for (int i = 0; i < WIDTH * LEVELS; i++) {
         own[i] = 0u;
     }
-    for (uint at = first; at < last; at += 8u) {
-        int8 level = convert_int8(LEVEL(at));
-        own[level.s0]++;
-        own[LEVELS + level.s1]++;
-        own[2 * LEVELS + level.s2]++;
-        own[3 * LEVELS + level.s3]++;
-        own[4 * LEVELS + level.s4]++;
-        own[5 * LEVELS + level.s5]++;
-        own[6 * LEVELS + level.s6]++;
-        own[7 * LEVELS + level.s7]++;
+    for (uint at = first; at < last; at += WIDTH) {
+        union {
+            MASK of;
+            int lane[WIDTH];
+        } level;
+        level.of = WIDE(convert_int, WIDTH)(LEVEL(at));
+#pragma unroll
+        for (int i = 0; i < WIDTH; i++) {
+            own[i * LEVELS + level.lane[i]]++;
+        }
     }
     for (int i = 0; i < LEVELS; i++) {
         uint sum = 0u;
-        for (int lane = 0; lane < 8; lane++) {
+        for (int lane = 0; lane < WIDTH; lane++) {
             sum += own[lane * LEVELS + i];
         }
         if (sum > 0u) {
@@ -68,22 +105,23 @@ __kernel void count_levels(__global uint *counts, __global const float *light,
 #define FITTING ((LOCAL_BYTES - 512) / (4 * APART))
 #define COPIES (FITTING < 16 ? FITTING : 16)
 
-/* Levels of some pixels under many designs. One work-group does a stretch of pixels for one design;
+/* Levels of the `pixels` from place `begin` on under many designs. One work-group does a stretch of
+   pixels for one design;
    designs are the fast index, so that a stretch stays in the cache for all of them. Neighbours
    count in different copies: an even surface wants one counter only, and would wait for it. */
-__kernel void count_levels(__global uint *counts, __global const float *light,
-                           __global const float *footprint, __global const float *irradiance,
-                           __global const Design *designs, float per_dn, uint pixels,
-                           uint stretch) {
+__kernel void count_levels(__global uint *counts, LIGHT_MAP(const), NOISE(const),
+                           __global const Design *designs, float per_dn, uint begin,
+                           uint pixels, uint stretch) {
     __local uint own[COPIES * APART];
     uint item = (uint)get_local_id(1), items = (uint)get_local_size(1);
     for (uint i = item; i < COPIES * APART; i += items) {
         own[i] = 0u;
     }
     barrier(CLK_LOCAL_MEM_FENCE);
-    Design d = designs[get_group_id(0)];
-    uint first = (uint)(get_global_id(1) / items) * stretch;
-    uint last = first + stretch < pixels ? first + stretch : pixels;
+    UNDER(designs[get_group_id(0)])
+    uint first = begin + (uint)(get_global_id(1) / items) * stretch;
+    uint end = begin + pixels;
+    uint last = first + stretch < end ? first + stretch : end;
     uint copy = item % COPIES * APART;
     for (uint at = first + item; at < last; at += items) {
         atomic_inc(own + copy + (uint)LEVEL(at));
@@ -104,10 +142,9 @@ __kernel void count_levels(__global uint *counts, __global const float *light,
 
 /* Highest level in each zone of a launch under many designs, lane by lane: whether, and up to which
    threshold, its defect is hit. The pixels of zone i are those from first[i] to first[i + 1]. */
-__kernel void zone_peaks(__global float *peaks, __global const float *light,
-                         __global const float *footprint, __global const float *irradiance,
+__kernel void zone_peaks(__global float *peaks, LIGHT_MAP(const), NOISE(const),
                          __global const Design *designs, float per_dn, __global const uint *first) {
-    Design d = designs[get_global_id(0)];
+    UNDER(designs[get_global_id(0)])
     REAL peak = 0.0f;
     for (uint at = first[get_global_id(1)]; at < first[get_global_id(1) + 1]; at += WIDTH) {
         peak = max(peak, LEVEL(at));
@@ -117,34 +154,51 @@ __kernel void zone_peaks(__global float *peaks, __global const float *light,
 }
 
 /* A grey level, in thresholds, that no pixel of a region is above under a design, whatever its light
-   coordinate: of the region's widest footprint, and of an irradiance that makes up for the rest. */
-__kernel void ceilings(__global float *highest, __global const float *footprint,
-                       __global const float *irradiance, __global const Design *designs,
-                       float per_dn) {
+   coordinate: of two boxes and an irradiance whose exposure is not below that of any there. */
+__kernel void ceilings(__global float *highest, LIGHT_MAP(const), float excess, float variance,
+                       __global const Design *designs, float per_dn) {
     Design d = designs[get_global_id(0)];
     size_t at = get_global_id(1) * WIDTH;
-    Trapezoid t = exposed_ray(d, 0.0f, LOAD(footprint, at), LOAD(irradiance, at), 1);
+    Trapezoid t = exposed_ray(d, RAY_AT(at), 1);
     size_t begin = get_global_offset(1) * WIDTH;
-    STORE(per_dn * (d.full_scale * highest_mean_over_scan(t, d.distinct_shifts)), highest,
+    REAL grey = d.full_scale;
+    if (d.noise == 0.0f) {
+        grey *= highest_mean_over_scan(t, d.distinct_shifts);
+    } else {
+        grey = highest_draw(t, d, excess, variance);
+    }
+    STORE(per_dn * grey, highest,
           get_global_id(0) * get_global_size(1) * WIDTH + at - begin);
 }
 
-/* Puts chosen pixels of some rows of a light map side by side; those of other rows stay as they
-   are, with `begin` without light. */
-__kernel void gather_pixels(__global float *light, __global float *footprint,
-                            __global float *irradiance, __global const float *of_light,
-                            __global const float *of_footprint,
-                            __global const float *of_irradiance, __global const uint *chosen,
-                            int begin) {
+/* Puts chosen entries of some rows of one plane of a light map side by side; those of other rows stay
+   as they are, with `begin` they are `blank`. */
+__kernel void gather_pixels(__global float *plane, __global const float *of,
+                            __global const uint *chosen, int begin, float blank) {
     size_t i = get_global_id(0);
     uint at = chosen[i];
     if (at != NO_PIXEL) {
-        light[i] = of_light[at];
-        footprint[i] = of_footprint[at];
-        irradiance[i] = of_irradiance[at];
+        plane[i] = of[at];
     } else if (begin) {
-        light[i] = 0.0f;
-        footprint[i] = 1.0f;
-        irradiance[i] = 0.0f;
+        plane[i] = blank;
+    }
+}
+
+/* Normal numbers of pixels, by their number in an image of so many columns: for one draw, and with
+   `pattern` those of gain and dark signal. What is no pixel is drawn darker than all. */
+__kernel void pixel_normals(__global float *normal, __global float *gain, __global float *dark,
+                            __global const uint *pixels, uint columns,
+                            __global const Design *design, int pattern) {
+    Design d = *design;
+    size_t at = get_global_id(0) * WIDTH;
+    COUNTER pixel = LOAD_COUNTERS(pixels, at);
+    COUNTER row = pixel / columns;
+    COUNTER column = pixel - row * columns;
+    REAL nothing = -1e30f;
+    STORE(pixel == NO_PIXEL ? nothing : normal_of(d, column, row), normal, at);
+    if (pattern) {
+        Normals own = fixed_pattern(d, column, row);
+        STORE(own.first, gain, at);
+        STORE(own.second, dark, at);
     }
 }

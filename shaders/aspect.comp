@@ -1,6 +1,9 @@
-/* The aspect image in closed form: the same cost for 8 images as for 800. */
+/* The aspect image in closed form: the same cost for 8 images as for 800; or with LOST, why pixels see
+   no light. */
 #include "portable.h"
 #include "station.h"
+#include "surface.h"
+#include "reflection.h"
 #include "stripes.h"
 #include "sensor.h"
 #include "image.h"
@@ -11,7 +14,14 @@ void main() {
         return;
     }
     place_pixel();
-    Ray ray = ray_at(0);
-    Trapezoid t = exposed_ray(d, ray.light, ray.footprint, ray.irradiance, 1);
+#ifdef LOST
+    float reason = LOST_BESIDE;
+    for (int i = 0; i < sub_rays; i++) {
+        reason = loss_of_both(reason, lost_at(i));
+    }
+    grey[at] = reason;
+#else
+    Trapezoid t = exposed_ray(d, ray_at(0), 1);
     grey[at] = d.full_scale * mean_over_scan(t, d.distinct_shifts);
+#endif
 }

@@ -15,12 +15,11 @@ void main() {
 #ifdef LOST
     float reason = LOST_BESIDE;
     for (int i = 0; i < sub_rays; i++) {
-        reason = loss_of_both(reason, entry(i).w);
+        reason = loss_of_both(reason, lost_at(i));
     }
-    value = reason / 255.0; /* target of bytes */
+    value = reason;
 #else
-    Ray ray = ray_at(0);
-    Trapezoid t = exposed_ray(given, ray.light, ray.footprint, ray.irradiance, 1);
+    Trapezoid t = exposed_ray(given, ray_at(0), 1);
     value = given.full_scale * mean_over_scan(t, given.distinct_shifts);
 #endif
 }

@@ -1,7 +1,7 @@
 /* A tile's light map and the design that is applied to it. */
 #include "texels.glsl"
 
-uniform sampler2D rays; /* light, footprint, irradiance, lost (for patterns: across) */
+uniform sampler2D rays; /* see ray.glsl */
 layout(std140) uniform Block {
     Design given;
 #ifdef PATTERN
@@ -28,8 +28,4 @@ vec4 entry(int i) {
     return texelFetch(rays, texel() + ivec2(0, i * rows * WRAPS), 0);
 }
 
-Ray ray_at(int i) {
-    vec4 ray = entry(i);
-    return Ray(ray.x, ray.y, ray.z);
-}
-#define ACROSS(i) entry(i).w
+#include "ray.glsl"

@@ -11,14 +11,19 @@ struct Pixels {
 /* A light of the user's own (PICTURE: the whole image of the user's own); `place` is the pixel's
    (column, row). */
 vec2 place;
+
+/* Lit fraction of one box, for patterns. */
+Trapezoid lit_fraction(float light, float footprint, float luminous) {
+    return lit_fraction(light, footprint, 0.0, luminous);
+}
 #include "pattern.glsl"
 
 float value_at(int i, int k) {
     Ray ray = ray_at(i);
 #ifdef PICTURE
-    return picture(place, ray.light, ACROSS(i), ray.footprint, k);
+    return picture(place, ray.light, ACROSS(i), ray.wide, k);
 #else
-    return pattern(ray.light, ACROSS(i), shift_of(d, k) / d.periods_per_mm, ray.footprint);
+    return pattern(ray.light, ACROSS(i), shift_of(d, k) / d.periods_per_mm, ray.wide);
 #endif
 }
 
@@ -49,15 +54,18 @@ Signals signals_from(Design design, Pixels px, int first) {
     return signals;
 }
 
-/* Share of a pixel's samples that are NaN or outside [0, 1]; every PROBES-th image is looked at. */
+/* Share of a pixel's samples that are NaN or, by more than a few roundings, outside [0, 1]; every
+   PROBES-th image is looked at. */
 #define PROBES 8
+#define ROUNDINGS 1e-6
 float faulty_share() {
     int images = int(d.images);
     float count = 0.0;
     for (int k = 0; k < images; k += PROBES) {
         for (int i = 0; i < sub_rays; i++) {
             float value = value_at(i, k);
-            count += ray_at(i).irradiance > 0.0 && !(value >= 0.0 && value <= 1.0) ? 1.0 : 0.0;
+            bool within = value >= -ROUNDINGS && value <= 1.0 + ROUNDINGS;
+            count += ray_at(i).irradiance > 0.0 && !within ? 1.0 : 0.0;
         }
     }
     return count / float((images + PROBES - 1) / PROBES * sub_rays);
@@ -72,18 +80,7 @@ float image_of(uint column, uint row, int k) {
     return grey_level(signal, d, k, column, row, fixed_pattern(d, column, row));
 }
 
-/* Mean of all images; in a loop of its own where llvmpipe would mask what a pixel has not. */
+/* Mean of all images. */
 float mean_of(uint column, uint row) {
-#ifndef PATTERN
-    if (d.noise == 0.0 && sub_rays == 1) {
-        Trapezoid only = exposed_at(d, Pixels(1), 0);
-        int images = int(d.images);
-        float sum = 0.0;
-        for (int k = 0; k < images; k++) {
-            sum += min(at_shift(only, shift_of(d, k)), 1.0);
-        }
-        return d.full_scale * sum / float(images);
-    }
-#endif
     return mean_over_images(d, Pixels(sub_rays), column, row);
 }

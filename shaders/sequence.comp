@@ -9,12 +9,12 @@
 #include "scan.glsl"
 
 void main() {
-    uint column = gl_GlobalInvocationID.x;
-    uint row = gl_GlobalInvocationID.y + uint(size.z);
-    if (column >= uint(size.x)) {
+    if (gl_GlobalInvocationID.x >= uint(size.x)) {
         return;
     }
     place_pixel();
+    uint column = pixel().x;
+    uint row = pixel().y;
 #ifdef PATTERN
     place = vec2(float(column), float(row));
 #endif

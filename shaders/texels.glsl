@@ -13,8 +13,20 @@ ivec2 texel() {
     return ivec2(gl_FragCoord.xy);
 }
 
+#ifdef LISTED
+uniform isampler2D pixels; /* numbered row by row through the image, LIST_WIDTH in a row */
+uniform int line_length;   /* pixels of a list in a row of the tile */
+uniform int image_columns;
+#endif
+
 /* The pixel of the whole image that a texel belongs to; `width` is the texture's. */
 ivec2 pixel_of(ivec2 at, int width) {
     int line = at.y % (rows * WRAPS);
-    return ivec2(at.x + (line % WRAPS) * width, first_row + line / WRAPS);
+    ivec2 place = ivec2(at.x + (line % WRAPS) * width, first_row + line / WRAPS);
+#ifdef LISTED
+    int nth = place.y * line_length + place.x;
+    int number = texelFetch(pixels, ivec2(nth % LIST_WIDTH, nth / LIST_WIDTH), 0).x;
+    place = ivec2(number % image_columns, number / image_columns);
+#endif
+    return place;
 }

@@ -1,4 +1,4 @@
-/* What a compute shader needs to make images of a tile: its light map in storage buffers. One
+/* What a compute shader needs to make images of a tile: its light map in a storage buffer. One
    invocation per pixel; `place_pixel` fills what scan.glsl asks for. Without NOISE or with ONE_RAY
    the compiler is told, or lavapipe works out every image's noise only to mask it. */
 layout(local_size_x = GROUP) in;
@@ -11,14 +11,14 @@ layout(std140, set = 0, binding = 0) uniform Designs {
 };
 layout(std140, set = 0, binding = 1) uniform Call {
     ivec4 size; /* columns, rows of the tile, its first row, sub-rays */
-    ivec4 more; /* number of the image, 0, 0, 0 */
+    ivec4 more; /* number of the image, 0, columns of the image, 0 */
 };
-layout(std430, set = 0, binding = 2) readonly buffer Light { float light[]; };
-layout(std430, set = 0, binding = 3) readonly buffer Footprint { float footprint[]; };
-layout(std430, set = 0, binding = 4) readonly buffer Irradiance { float irradiance[]; };
-layout(std430, set = 0, binding = 5) buffer Grey { float grey[]; };
+layout(std430, set = 0, binding = 2) readonly buffer Rays { vec4 rays[]; }; /* see ray.glsl */
+layout(std430, set = 0, binding = 3) buffer Grey { float grey[]; };
+#ifdef LISTED
+layout(std430, set = 0, binding = 4) readonly buffer Pixels_ { uint pixels[]; };
+#endif
 #ifdef PATTERN
-layout(std430, set = 0, binding = 6) readonly buffer Across { float across[]; };
 
 Geometry g;
 #endif
@@ -32,11 +32,22 @@ int sub_rays;
 int at;
 int plane;
 
-Ray ray_at(int i) {
-    int entry = at + i * plane;
-    return Ray(light[entry], footprint[entry], irradiance[entry]);
+vec4 entry(int i) {
+    return rays[at + i * plane];
 }
-#define ACROSS(i) across[at + (i) * plane]
+
+#include "ray.glsl"
+
+/* The pixel of the whole image. */
+uvec2 pixel() {
+    uint row = gl_GlobalInvocationID.y + uint(size.z);
+#ifdef LISTED
+    uint number = pixels[row * uint(size.x) + gl_GlobalInvocationID.x];
+    return uvec2(number % uint(more.z), number / uint(more.z));
+#else
+    return uvec2(gl_GlobalInvocationID.x, row);
+#endif
+}
 
 void place_pixel() {
     d = design;

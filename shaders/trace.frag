@@ -28,6 +28,7 @@ uniform sampler2D coefficients;
 #define COEFFICIENT(lists, at) ENTRY(coefficients, int(at)).x
 #include "records.glsl"
 #include "relief.h"
+#include "sight.glsl"
 
 out vec4 entry;
 
@@ -47,9 +48,5 @@ void main() {
 #endif
     int index = at.y / (rows * WRAPS);
     Sight v = sub_ray(g, lists, first, last, float(pixel.x), float(pixel.y), index);
-#ifdef ACROSS
-    entry = vec4(v.light, v.footprint, v.irradiance, v.across);
-#else
-    entry = vec4(v.light, v.footprint, v.irradiance, v.lost);
-#endif
+    entry = entry_of(v);
 }

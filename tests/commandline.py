@@ -49,6 +49,8 @@ Command = Callable[..., Ran]
 def program(*arguments: object, cwd: Path, **options: Any) -> Ran:
     """The command as a process of its own."""
     environment = {**os.environ, "COLUMNS": "200", **options.pop("env", {})}
+    path = environment.get("PYTHONPATH"), str(Path(__file__).parents[1])  # that of this checkout
+    environment["PYTHONPATH"] = os.pathsep.join(filter(None, path))
     done = subprocess.run(
         [*PROGRAM, *map(str, arguments)], capture_output=True, text=True, cwd=cwd,
         env=environment, errors="surrogateescape", **{"timeout": DEADLINE_S, **options},

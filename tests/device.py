@@ -1,7 +1,7 @@
 """One device function at a time: a program of a few lines that calls it on many inputs.
 
 Inputs are declared as the function takes them: "REAL x" differs from pixel to pixel, "float cx"
-and "Geometry g" are shared by the eight pixels that a CPU's REAL holds. A test body knows no more
+and "Geometry g" are shared by the pixels that the widest REAL holds. A test body knows no more
 than that, so it runs on every device of `DEVICES`, whatever its language and width.
 """
 
@@ -21,7 +21,7 @@ from gpuspec.light.opengl import LIST_WIDTH, OpenGLBackend
 from gpuspec.light.sources import resolved, resolved_shader, structs
 from gpuspec.light.vulkan import VulkanBackend
 
-LANES = 8
+LANES = 16
 """Pixels that share the inputs declared `float`: the widest REAL there is."""
 
 Values = Mapping[str, Any]
@@ -64,14 +64,14 @@ class OpenCLDevice:
         code : str
             Statements, e.g. ``Surface s = crown(x, y, cx, cy);``.
         inputs : mapping of str to array_like
-            Type and name to values: "REAL x" and "COUNTER word" (n, 8), "float cx" (n,),
+            Type and name to values: "REAL x" and "COUNTER word" (n, LANES), "float cx" (n,),
             "Geometry g" and the other structs of `station.h` (n, members).
         outputs : sequence of str
             Expressions of type REAL, or "COUNTER " and one of type COUNTER.
 
         Returns
         -------
-        tuple of ndarray, shape (n, 8)
+        tuple of ndarray, shape (n, LANES)
             float32, or uint32.
         """
         b = self.backend

@@ -23,6 +23,7 @@ class Block:
     Attributes
     ----------
     document : Path
+        Where it stands, an absolute path.
     line : int
         Number of the line of its fence.
     language : str

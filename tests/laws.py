@@ -20,11 +20,13 @@ Array = NDArray[np.float64]
 Law = Callable[[Device], None]
 Edit = tuple[str, str]
 GROUPS = 250
-"""Groups of eight pixels that share what a function takes as `float`: 2000 random inputs."""
+"""Groups of pixels that share what a function takes as `float`."""
 SURFACE = ("station.h", "surface.h")
 REFLECTION = (*SURFACE, "reflection.h")
 LAWS: dict[str, tuple[Law, Edit]] = {}
 """Function to the test that holds it, and to an edit that this test must notice."""
+NARROW_MIN = 1e-5
+"""Periods: what a narrower box of a footprint is taken for."""
 
 
 def holds(function: str, wrong: Edit) -> Callable[[Law], Law]:
@@ -44,7 +46,7 @@ def rounded(values: Any) -> Array:
 
 
 class Draws:
-    """Random inputs, rounded to float: (GROUPS, 8) for each pixel, (GROUPS, 1) shared."""
+    """Random inputs, rounded to float: (GROUPS, LANES) for each pixel, (GROUPS, 1) shared."""
 
     def __init__(self, seed: int, groups: int = GROUPS) -> None:
         self.rng = np.random.default_rng(seed)
@@ -139,7 +141,7 @@ def pieces(d: Draws) -> tuple[Array, Array, Array, Array, Array]:
     dx = rounded(share * vx - beside * np.sin(angle))
     dy = rounded(share * vy + beside * np.cos(angle))
     dx[40:50], dy[40:50] = 0, 0
-    dx[50:60], dy[50:60] = np.broadcast_to(vx[50:60], (10, 8)), np.broadcast_to(vy[50:60], (10, 8))
+    dx[50:60], dy[50:60] = vx[50:60], vy[50:60]
     course = {
         "along_x": vx, "along_y": vy, "inverse_square": inverse**2, "inverse_length": inverse,
     }  # fmt: skip
@@ -156,14 +158,31 @@ def basis() -> list[Polynomial]:
 RAY = "Vector o = vector(ox, oy, oz), r = vector(rx, ry, rz); "
 
 
-def overlap(light: Array, footprint: Array, luminous: Array) -> Array:
-    """Lit fraction: the sum of the footprint's overlaps with one luminous stripe after another."""
-    low, high = light - footprint / 2, light + footprint / 2
-    first, last = int(np.floor(low.min())) - 1, int(np.ceil(high.max())) + 1
-    lit = np.zeros(np.broadcast_shapes(light.shape, luminous.shape))
-    for stripe in range(first, last + 1):
-        lit += np.maximum(np.minimum(high, stripe + luminous) - np.maximum(low, stripe), 0)
-    return lit / footprint
+def overlap(light: Array, wide: Array, narrow: Array, luminous: Array) -> Array:
+    """Lit fraction: of two boxes folded, a trapezoid, what lies on one stripe after another."""
+    given = np.broadcast_arrays(light, wide, np.maximum(narrow, NARROW_MIN), luminous)
+    shape = given[0].shape
+    order = np.argsort(-(given[1] + given[2]), axis=None)
+    place, w1, w2, a = (values.ravel()[order] for values in given)
+    place = place - np.floor(place)
+    lit = np.zeros_like(place)
+    reach = (w1 + w2) / 2 + 2
+
+    def up_to(x: Array, some: slice) -> Array:
+        """Share of the trapezoid about 0 that lies below x."""
+        bend = 2 * w1[some] * w2[some]
+        from_foot = (w1 + w2)[some] / 2 - np.abs(x)
+        toe = np.clip(from_foot, 0, w2[some])
+        tail = toe**2 / bend + np.maximum(from_foot - w2[some], 0) / w1[some]
+        return np.where(x < 0, tail, 1 - tail)
+
+    for stripe in range(-int(reach[0]), int(reach[0]) + 1):
+        some = slice(np.searchsorted(-reach, -abs(stripe), side="right"))
+        begin = stripe - place[some]
+        lit[some] += up_to(begin + a[some], some) - up_to(begin, some)
+    result = np.empty_like(lit)
+    result[order] = lit
+    return result.reshape(shape)
 
 
 IMAGE = ("station.h", "stripes.h", "sensor.h", "image.h")
@@ -193,9 +212,8 @@ def designs(d: Draws, noise: bool) -> Array:
     )
 
 
-PIXELS = """STRUCT(Pixels) { int sub_rays; REAL light; REAL footprint; REAL irradiance; };
+PIXELS = """STRUCT(Pixels) { int sub_rays; Ray first; };
 DEVICE Ray made_ray(Pixels px, int i) {
-    Ray r; r.light = px.light + 0.75f * FLOAT(i); r.footprint = px.footprint;
-    r.irradiance = px.irradiance; return r; }
+    Ray r = px.first; r.light += 0.75f * FLOAT(i); return r; }
 #define RAY(px, i) made_ray(px, i)"""
 SCAN = (*IMAGE, PIXELS, "scan.h")

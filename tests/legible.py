@@ -24,7 +24,8 @@ def pixels(figure: Figure) -> np.ndarray:
 
 def check_legible(figure: Figure) -> None:
     """Every text that is drawn is at least 9 points high, on the page, and touches no other."""
-    height = pixels(figure).shape[0]
+    figure.draw_without_rendering()  # lays it out
+    height = figure.bbox.height
     boxes = []
     for text in drawn_texts(figure):
         assert text.get_fontsize() >= 9, text

@@ -15,6 +15,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -38,6 +39,21 @@ class Groove:
     depth_mm: float
 
 
+@dataclass(frozen=True)
+class Pose:
+    """A body turned about the axes of the station, x first, then y, then z, and then shifted."""
+
+    angles_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    shift_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def turned(self, v: Floats, *, back: bool = False) -> Floats:
+        """Vectors, last axis 3, of the body's frame in the station's, or back."""
+        rotation = Rotation.from_euler("xyz", self.angles_deg, degrees=True)
+        shape = np.shape(v)
+        turned: Floats = rotation.apply(np.reshape(v, (-1, 3)), inverse=back).reshape(shape)
+        return turned
+
+
 @dataclass(frozen=True, kw_only=True)
 class Scene:
     """Part, tunnel, camera and sequence. None means endless, or flat for a radius.
@@ -52,6 +68,8 @@ class Scene:
     rows: int = 32
     columns: int = 32
     pupil_mm: float = 0.0
+    focus_mm: float | None = None  # from the pupil to the plane in focus; None: the part
+    blur_mm: float = 0.0  # rms of the lens's spot, on z = 0
     part_length_mm: float | None = None
     part_width_mm: float | None = None
     crown_radius_x_mm: float | None = None
@@ -72,7 +90,11 @@ class Scene:
     full_scale: float = 255.0
     roughness_rad: float = 0.0
     vignetting: Literal["none", "cos4"] = "none"
+    scattered: float = 0.0  # radiance of what the part scatters, see `scattered`
     grooves: tuple[Groove, ...] = ()
+    part_pose: Pose = Pose()
+    camera_pose: Pose = Pose()
+    looks: int = 1
 
     @property
     def period_mm(self) -> float:
@@ -163,22 +185,85 @@ def beside_part(scene: Scene, x: Floats, y: Floats) -> Bools:
     return beside
 
 
-def surface_point(scene: Scene, x: Floats, y: Floats) -> Floats:
+def surface_point(scene: Scene, x: Floats, y: Floats, pupil: Floats | float = 0.0) -> Floats:
     """S, where the ray from O through (x, y, 0) meets the surface; shape (..., 3), mm.
 
-    At height z that ray is at (1 - z/h) (x, y); for a height surface z = z(x, y) is iterated.
+    At height z that ray is at (1 - z/h) (x, y); for a height surface z = z(x, y) is iterated. Where
+    the lens is focused at F and not on the part, the ray from the point a of the pupil passes the
+    one from O there: at the depth u below the pupil, both are a (1 - u/F) apart.
     """
+    h = scene.camera_height_mm
+    a, b = np.moveaxis(np.broadcast_to(pupil, (*np.broadcast(x, y).shape, 2)), -1, 0)
+
+    def at(z: Floats) -> tuple[Floats, Floats]:
+        shrink = 1 - z / h
+        apart = 0.0 if scene.focus_mm is None else 1 - (h - z) / scene.focus_mm
+        return x * shrink + a * apart, y * shrink + b * apart
+
     z = np.zeros(np.broadcast(x, y).shape)
+    if scene.part_pose != Pose() or scene.camera_pose != Pose() or scene.looks > 1:
+        assert scene.focus_mm is None, "the oracle tells no plane in focus of a posed camera"
+        return posed_surface_point(scene, x, y)
     if scene.surface == "height":
         for _ in range(200):
-            shrink = 1 - z / scene.camera_height_mm
-            before, z = z, height(scene, x * shrink, y * shrink)
+            before, z = z, height(scene, *at(z))
             if np.max(np.abs(z - before)) < 1e-12:
                 break
         else:
             raise ValueError("the camera ray's meeting with the surface did not converge")
-    shrink = 1 - z / scene.camera_height_mm
-    return np.stack([x * shrink, y * shrink, z], axis=-1)
+    return np.stack([*at(z), z], axis=-1)
+
+
+def pupil_points(scene: Scene, pupil: Floats | float, like: Floats) -> Floats:
+    """Points of the pupil in the station's frame: the camera is turned about the pupil's centre."""
+    own = np.zeros_like(like)
+    own[..., :2] += pupil
+    centre = np.array(scene.camera_pose.shift_mm)
+    centre[2] += scene.camera_height_mm
+    return scene.camera_pose.turned(own) + centre
+
+
+def posed_surface_point(scene: Scene, x: Floats, y: Floats) -> Floats:
+    """S in the part's frame: the ray from the pupil's centre, bisected for where it meets z(x, y).
+
+    The plane in focus is at the camera's height before its pupil, across its axis.
+    """
+    x, y = np.broadcast_arrays(x, y)
+    before = np.stack([x, y, np.full(x.shape, -scene.camera_height_mm)], axis=-1)
+    part = scene.part_pose
+    origin = pupil_points(scene, 0.0, np.zeros(3)) - np.array(part.shift_mm)
+    origin = part.turned(origin, back=True)
+    ray = part.turned(scene.camera_pose.turned(before), back=True)
+    # Between 50 mm above the part's base plane and 50 mm below.
+    near, far = ((level - origin[2]) / ray[..., 2] for level in (50.0, -50.0))
+    if scene.looks > 1:  # the first of several places at which the ray meets the part
+        first = np.zeros(x.shape, dtype=bool)
+        for share in np.linspace(0, 1, scene.looks + 1)[1:]:
+            way = (50.0 - 100.0 * share - origin[2]) / ray[..., 2]
+            point = origin + way[..., None] * ray
+            below = point[..., 2] < height(scene, point[..., 0], point[..., 1])
+            below &= ~beside_part(scene, point[..., 0], point[..., 1])
+            far = np.where(below & ~first, way, far)
+            near = np.where(first | below, near, way)
+            first |= below
+    for _ in range(90):
+        middle = (near + far) / 2
+        point = origin + middle[..., None] * ray
+        level = height(scene, point[..., 0], point[..., 1]) if scene.surface == "height" else 0.0
+        above = point[..., 2] > level
+        near, far = np.where(above, middle, near), np.where(above, far, middle)
+    met: Floats = origin + ((near + far) / 2)[..., None] * ray
+    return met
+
+
+def meets_again(scene: Scene, S: Floats, R: Floats, steps: int = 4000) -> Bools:
+    """Whether rays from S along R, all in the part's frame, go below the part; by many points."""
+    again = np.zeros(S.shape[:-1], dtype=bool)
+    reach = np.hypot(scene.part_length_mm or 1e3, scene.part_width_mm or 1e3)
+    for share in np.linspace(0, 1, steps + 1)[1:]:
+        x, y, z = np.moveaxis(S + share * reach * R, -1, 0)
+        again |= (z < height(scene, x, y)) & ~beside_part(scene, x, y)
+    return again
 
 
 # ---------------------------------------------------------------------------------------- one ray
@@ -217,21 +302,22 @@ def trace(scene: Scene, x: Floats, y: Floats, pupil: Floats | float, tilt: Float
     x, y : (...)
         Where the ray from the pupil's centre O crosses the plane z = 0, mm.
     pupil : (..., 2) or 0
-        Point of the pupil, mm from O. The lens is focused on the part: same S for all of them.
+        Point of the pupil, mm from O. Focused on the part, all of them see the same S.
     tilt : (..., 2) or 0
         What roughness adds to the slopes dz/dx and dz/dy.
     """
-    S = surface_point(scene, x, y)
-    origin = np.zeros_like(S)
-    origin[..., :2] += pupil
-    origin[..., 2] = scene.camera_height_mm
+    S = surface_point(scene, x, y, pupil)
+    origin = pupil_points(scene, pupil, S)
     # A surface without height still has the orientation of the shape, at the point looked at.
     slope = np.stack(slopes(scene, S[..., 0], S[..., 1]), axis=-1) + tilt
     N = unit(np.concatenate([-slope, np.ones_like(slope[..., :1])], axis=-1))
+    beside = beside_part(scene, S[..., 0], S[..., 1])
+    # From here on in the station's frame.
+    S = scene.part_pose.turned(S) + np.array(scene.part_pose.shift_mm)
+    N = scene.part_pose.turned(N)
     I = unit(S - origin)  # noqa: E741
     R = I - 2 * np.sum(I * N, axis=-1, keepdims=True) * N
 
-    beside = beside_part(scene, S[..., 0], S[..., 1])
     down = R[..., 2] <= 0
     with np.errstate(divide="ignore", invalid="ignore"):
         t, on_wall = path_to_tunnel(scene, S, R)
@@ -299,7 +385,8 @@ def light_coordinates(
     x, y = (centres[rows, :, None] for centres in pixel_centres(scene))
     numbers = range(scene.rows)[rows]
     # Dimensions left unused would only make the others less even.
-    dimensions = 2 + 2 * (scene.pupil_mm > 0) + 2 * (scene.roughness_rad > 0)
+    blurred, rough = scene.blur_mm > 0, scene.roughness_rad > 0
+    dimensions = 2 + 2 * (scene.pupil_mm > 0) + 2 * blurred + 2 * rough
     shape = (scene.columns, 1, dimensions)
     shifts = np.stack([np.random.default_rng([seed, r]).random(shape) for r in numbers])
     uniform = np.mod(even_points(rays, dimensions) + shifts, 1.0)  # (M, N, rays, dimensions)
@@ -308,10 +395,15 @@ def light_coordinates(
     y = y + (uniform[..., 1] - 0.5) * scene.sampling_mm
     pupil: Floats | float = 0.0
     tilt: Floats | float = 0.0
+    if blurred:  # where on z = 0 it looks, two independent Gaussians (Box and Muller)
+        first = 2 + 2 * (scene.pupil_mm > 0)
+        radius = scene.blur_mm * np.sqrt(-2 * np.log1p(-uniform[..., first]))
+        spot = polar(radius, uniform[..., first + 1])
+        x, y = x + spot[..., 0], y + spot[..., 1]
     if scene.pupil_mm > 0:  # a disc, evenly: radius ~ sqrt(u)
         radius = scene.pupil_mm / 2 * np.sqrt(uniform[..., 2])
         pupil = polar(radius, uniform[..., 3])
-    if scene.roughness_rad > 0:  # two independent Gaussians (Box and Muller)
+    if rough:  # and two more
         radius = scene.roughness_rad * np.sqrt(-2 * np.log1p(-uniform[..., -2]))
         tilt = polar(radius, uniform[..., -1])
     traced = trace(scene, x, y, pupil, tilt)
@@ -329,11 +421,42 @@ def polar(radius: Floats, turns: Floats) -> Floats:
 
 def irradiance(scene: Scene, light: Floats, lit: Bools, k: int) -> Floats:
     """Mean radiance over the rays of each pixel in image `k`: luminous 1, dark beta, lost 0."""
-    phase = np.mod(light - scene.shift_mm(k), scene.period_mm)
-    luminous = np.count_nonzero((phase < scene.luminous_mm) & lit, axis=-1)
+    periods = (light - scene.shift_mm(k)) / scene.period_mm
+    phase = periods - np.floor(periods)  # np.mod takes five times as long
+    luminous = np.count_nonzero((phase < scene.luminous_mm / scene.period_mm) & lit, axis=-1)
     dark = np.count_nonzero(lit, axis=-1) - luminous
     mean: Floats = (luminous + scene.dark_leak * dark) / light.shape[-1]
     return mean
+
+
+def scattered(
+    scene: Scene, albedo: float, x: float, y: float, k: int = 0, rays: int = 2**16
+) -> float:
+    """Radiance of a Lambertian point of the part in image `k`: rays over its whole hemisphere.
+
+    Drawn by the cosine from the normal, they have their mean radiance as the irradiance over pi.
+    """
+    u, v = even_points(rays, 2).T
+    sine, turn = np.sqrt(u), 2 * np.pi * v
+    S = np.broadcast_to(surface_point(scene, np.array(x), np.array(y)), (rays, 3))
+    slope = np.array([float(s) for s in slopes(scene, S[0, 0], S[0, 1])])
+    N = unit(np.array([*-slope, 1.0]))
+    across = unit(np.cross(N, [0.0, 1.0, 0.0]))
+    R = sine[:, None] * (
+        np.cos(turn)[:, None] * across + np.sin(turn)[:, None] * np.cross(N, across)
+    )
+    R = R + np.sqrt(1 - u)[:, None] * N
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t, on_wall = path_to_tunnel(scene, S, R)
+        L = S + t[:, None] * R
+    seen = R[:, 2] > 0
+    if scene.tunnel_length_mm is not None:
+        seen &= np.abs(L[:, 0]) <= scene.tunnel_length_mm / 2
+    if scene.opening_length_mm > 0:
+        hole = np.abs(L[:, 0]) <= scene.opening_length_mm / 2
+        seen &= ~(hole & (np.abs(L[:, 1]) <= scene.opening_width_mm / 2) & ~on_wall)
+    light = np.where(seen, L[:, 0], 0.0)
+    return albedo * float(irradiance(scene, light[None], seen[None], k)[0])
 
 
 def vignetting(scene: Scene) -> Floats:
@@ -351,7 +474,7 @@ def images(scene: Scene, numbers: range, rays: int, seed: int) -> Floats:
     for r in range(scene.rows):  # row by row: little memory, and it stays in the cache
         light, lit = light_coordinates(scene, rays, seed, slice(r, r + 1))
         for k in numbers:
-            exposed = gain[r] * irradiance(scene, light, lit, k)[0]
+            exposed = gain[r] * (irradiance(scene, light, lit, k)[0] + scene.scattered)
             total[r] += scene.full_scale * np.minimum(exposed, 1.0)
     return total / len(numbers)
 

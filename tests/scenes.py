@@ -8,7 +8,11 @@ import numpy as np
 import oracle
 
 from gpuspec.light.sources import structs
+from gpuspec.station.sections import Pose
 from gpuspec.station.station import Station
+
+PIXEL_BYTES = 17
+"""Of a light map of one sub-ray: four planes of floats and why a pixel is lost."""
 
 # Pupil D, sigma, depth d (mm), exposure g, flawless median, maximum: the check values of the model,
 # the pinhole's maxima after 262,144 rays per pixel.
@@ -49,6 +53,20 @@ def check_station(
     return station.replace(**changes)
 
 
+SURFACES: dict[str, dict[str, Any]] = {
+    "flat": {},
+    "orientation only": {"part.crown_radius_x_mm": 35.0},
+    "crowned": {
+        "part.surface": "height", "part.crown_radius_x_mm": 300.0, "part.crown_radius_y_mm": 90.0,
+    },
+    "hollow": {
+        "part.surface": "height", "part.crown_radius_y_mm": -30.0, "camera.height_mm": 200.0,
+    },
+    "wider than the part": {"camera.rows": 301, "camera.columns": 333},
+}  # fmt: skip
+"""Of a `part_with` defects."""
+
+
 def part_with(defects: list[dict[str, Any]], sampling: float) -> Station:
     """A part of 60 x 50 mm under a low ceiling, where perspective and crowns count."""
     return Station.from_dict(
@@ -85,6 +103,8 @@ def oracle_scene(station: Station) -> oracle.Scene:
         rows=rows,
         columns=columns,
         pupil_mm=camera.pupil_mm,
+        focus_mm=camera.focus_mm,
+        blur_mm=camera.blur_mm,
         part_length_mm=part.length_mm,
         part_width_mm=part.width_mm,
         crown_radius_x_mm=part.crown_radius_x_mm,
@@ -106,4 +126,11 @@ def oracle_scene(station: Station) -> oracle.Scene:
         roughness_rad=part.roughness_rad,
         vignetting=camera.vignetting,
         grooves=tuple(grooves),
+        part_pose=_pose(part.pose),
+        camera_pose=_pose(camera.pose),
     )
+
+
+def _pose(pose: Pose | None) -> oracle.Pose:
+    pose = pose or Pose()
+    return oracle.Pose((pose.tilt_x_deg, pose.tilt_y_deg, pose.turn_deg), pose.shift_mm)

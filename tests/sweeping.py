@@ -9,7 +9,7 @@ from gpuspec.sweeps.keeping.folder import RunFolder
 STATION: dict[str, Any] = {
     "part": {"length_mm": 14.0, "width_mm": 9.0},
     "tunnel": {"height_mm": 200.0, "luminous_mm": 2.0, "dark_mm": 6.0},
-    "camera": {"sampling_mm": 0.1},
+    "camera": {"sampling_mm": 0.1, "subsampling": 1},  # as fast as sweeps can be
     "defects": [
         {"kind": "dent", "x_mm": 2.0, "y_mm": 1.0, "diameter_mm": 0.8, "depth_um": 5.0},
     ],

@@ -22,11 +22,13 @@ LADDER = (
     {"shown", "files", "shapes", "topographies"},
     {"station"},
     {"part", "detection"},
-    {"light"},
+    {"light", "frames"},
     {"pictures"},
     {"report"},
     {"simulation"},
+    {"captured"},
     {"studies", "sweeps"},
+    {"datasets", "detectability"},
     {"loading", "prototype"},
     {"cli"},
     {"__main__", "__init__"},
@@ -38,6 +40,8 @@ ENGINES = {
     "wgpu": {"light.vulkan"},
     "distributed": {"sweeps.cluster.crew", "sweeps.cluster.workers"},
     "optuna": {"sweeps.searching.optimise", "sweeps.searching.search"},
+    "statsmodels": {"detectability.fits"},
+    "firthmodels": {"detectability.fits"},
     "nothing": set(),
 }
 """Packages that few files know, and which."""
@@ -125,6 +129,12 @@ def check_ladder(graph: Imports) -> None:
 
 def test_nothing_imports_in_a_circle() -> None:
     check_no_circle(imports())
+
+
+def test_no_file_stands_beside_a_room_of_its_name() -> None:
+    # Python imports the room and never reads the file.
+    rooms = {path.parent for path in PACKAGE.rglob("__init__.py")} - {PACKAGE}
+    assert [room for room in rooms if room.with_suffix(".py").exists()] == []
 
 
 def test_imports_climb_one_ladder() -> None:

@@ -76,8 +76,12 @@ def python(block: Block, folder: Path, names: dict[str, object]) -> str:
     """Execute a block; return what it printed."""
     printed = StringIO()
     program = compile("\n" * block.line + block.text, str(block.document), "exec")
-    with chdir(folder), redirect_stdout(printed):
-        exec(program, names)
+    sys.path.insert(0, str(folder))  # as of a program that stands there
+    try:
+        with chdir(folder), redirect_stdout(printed):
+            exec(program, names)
+    finally:
+        sys.path.remove(str(folder))
     return printed.getvalue()
 
 

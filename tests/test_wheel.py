@@ -6,6 +6,8 @@ import json
 import os
 import subprocess
 import sys
+import sysconfig
+import venv
 import zipfile
 from pathlib import Path
 
@@ -38,14 +40,21 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The wheel with its dependencies in an empty environment: the environment's programs."""
+    """The wheel in an environment of its own: the environment's programs.
+
+    Its dependencies are those of this one; that they are all named, test_machines.py sees.
+    """
     folder = tmp_path_factory.mktemp("environment")
-    subprocess.run([sys.executable, "-m", "venv", folder], check=True, timeout=DEADLINE_S)
+    venv.create(folder)
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
     subprocess.run(
-        [folder / "bin" / "python", "-m", "pip", "install", "--no-compile", "-q", wheel],
+        [sys.executable, "-m", "pip", "--python", folder / "bin" / "python", "install", "-q",
+         "--no-compile", "--no-deps", wheel],
         check=True, env=environment, cwd=folder, timeout=DEADLINE_S,
     )  # fmt: skip
+    (packages,) = folder.glob("lib/python*/site-packages")
+    # A path alone: what else this environment puts on the path, such as this checkout, is not.
+    (packages / "dependencies.pth").write_text(sysconfig.get_path("purelib"), "utf-8")
     return folder / "bin"
 
 

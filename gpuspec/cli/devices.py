@@ -71,7 +71,7 @@ def _print_list(found: list[Found]) -> None:
 
 def _print_test(results: list[DeviceReport]) -> None:
     """Print a table to paste into a report: plain text, as wide as it is."""
-    from gpuspec.light.device_test import COPY, ROWS
+    from gpuspec.light.speed import COPY, ROWS
 
     out = console()
     heads = "".join(f"{row:>18}" for row in ROWS)

@@ -12,6 +12,9 @@ from gpuspec.cli.options import (
     GOAL_HELP,
     P1_FLOOR_HELP,
     P2_FLOOR_HELP,
+    REQUIRE_HELP,
+    BackendOption,
+    DeviceOption,
     ForceOption,
     PicturesOption,
     output_option,
@@ -29,46 +32,78 @@ NEXT = 10
 
 
 def front(
-    run: Annotated[Path, typer.Argument(help="Folder of a sweep.")],
+    run: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="RUN [REQUIREMENT]...", help="Folder of a sweep; requirements, too."
+        ),
+    ],
     output: Annotated[
         Path | None,
         output_option("For the results. Not given: RUN/front, or RUN/front-2 ... for other rules."),
     ] = None,
-    goal: Annotated[str, typer.Option("--goal", help=GOAL_HELP)] = "p1",
+    goal: Annotated[str | None, typer.Option("--goal", help=GOAL_HELP)] = None,
+    require: Annotated[list[str] | None, typer.Option("--require", help=REQUIRE_HELP)] = None,
+    over: Annotated[
+        str | None,
+        typer.Option("--over", metavar="A,B", help="The two measures of the front's picture."),
+    ] = None,
+    min_area_mm2: Annotated[
+        float, typer.Option("--min-area-mm2", min=0, help="Smaller blobs are not looked at.")
+    ] = 0.0,
     hit_share: Annotated[
-        float, typer.Option("--hit-share", help="Least share of the defects that must be hit.")
-    ] = 1.0,
-    p2_floor: Annotated[float, typer.Option("--p2-floor", help=P2_FLOOR_HELP)] = 0.85,
-    p1_floor: Annotated[float, typer.Option("--p1-floor", help=P1_FLOOR_HELP)] = 0.0,
+        float | None,
+        typer.Option("--hit-share", help="Least share of the defects that must be hit."),
+    ] = None,
+    p2_floor: Annotated[float | None, typer.Option("--p2-floor", help=P2_FLOOR_HELP)] = None,
+    p1_floor: Annotated[float | None, typer.Option("--p1-floor", help=P1_FLOOR_HELP)] = None,
     write: Annotated[
         Path | None,
         typer.Option("--write", help="Write the chosen station, e.g. best.toml, to simulate it."),
     ] = None,
     force: ForceOption = False,
     pictures: PicturesOption = True,
+    backend: BackendOption = "auto",
+    device: DeviceOption = None,
 ) -> None:
     """Choose the best design and its threshold from a sweep.
 
-    Draws recall P2 over precision P1, maps of the score, and how far each value may move.
+    By the paper's rule it draws recall P2 over precision P1, maps of the score, and how far each
+    value may move; by other goals and requirements the front, and what holds within tolerances.
     """
+    from gpuspec.cli.aim import asked
+
+    place, aim = asked(run, goal, require, over, min_area_mm2)
+    floors = {"p2_floor": p2_floor, "p1_floor": p1_floor, "hit_share": hit_share}
+    given = {name: value for name, value in floors.items() if value is not None}
+    if aim is None:
+        rule = {"goal": goal, **given} if goal in ("p1", "p2", "f1") else given
+        _by_rule(place, output, rule, write, force=force, pictures=pictures)
+        return
+    from gpuspec.cli.aim import by_aim
+
+    by_aim(place, aim, given, output, write, force=force, pictures=pictures,
+           backend=backend, device=device)  # fmt: skip
+
+
+def _by_rule(
+    run: Path, output: Path | None, asked: dict[str, Any], write: Path | None, *,
+    force: bool, pictures: bool,
+) -> None:  # fmt: skip
+    """Choose by the paper's rule, or another of its kind."""
     with extra("sweep"):
         from gpuspec.sweeps.choosing.choose import choose, most_defects
         from gpuspec.sweeps.keeping.folder import RunFolder
         from gpuspec.sweeps.rule import Rule
-    from gpuspec.errors import OutputError
+    from gpuspec.cli.aim import check_beside
     from gpuspec.files import Outputs, check_new, write_new
     from gpuspec.station.toml import to_toml
     from gpuspec.sweeps.choosing.maps import Maps
     from gpuspec.sweeps.choosing.sensitivity import lines
 
-    rule = Rule(goal, p2_floor, p1_floor, hit_share)  # type: ignore[arg-type]
+    rule = Rule(**asked)
     place = output or run / "front"
-    if place.resolve() == (run / "designs").resolve() or (
-        write and write.resolve().parent in (run.resolve(), (run / "designs").resolve())
-    ):
-        raise OutputError(
-            f"{run} holds the sweep itself; choose another place for what is made of it."
-        )
+    check_beside(run, place, write)
     with progress() as tell:
         tell("choosing")
         swept = RunFolder.read(run)

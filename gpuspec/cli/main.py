@@ -9,16 +9,22 @@ from typing import Annotated
 import typer
 
 from gpuspec.cli import study as studies
+from gpuspec.cli.camera import camera
+from gpuspec.cli.dataset import dataset
 from gpuspec.cli.devices import devices
+from gpuspec.cli.fit import fit
 from gpuspec.cli.front import front
 from gpuspec.cli.init import init, schema
+from gpuspec.cli.inspect import inspect
 from gpuspec.cli.optimise import optimise
+from gpuspec.cli.pod import pod
 from gpuspec.cli.prototype import prototype
 from gpuspec.cli.reference import reference
 from gpuspec.cli.simulate import demo, simulate
 from gpuspec.cli.sweep import sweep
 from gpuspec.cli.terminal import show_warnings_as_notes, standard_output
 from gpuspec.errors import GpuspecError
+from gpuspec.host import collect_seldom
 from gpuspec.version import __version__
 
 app = typer.Typer(
@@ -31,7 +37,8 @@ app = typer.Typer(
 )
 app.add_typer(studies.app, name="study")
 for command in (
-    simulate, demo, prototype, sweep, front, optimise, devices, reference, init, schema,
+    simulate, demo, inspect, fit, camera, prototype, sweep, front, optimise, pod, dataset, devices,
+    reference, init, schema,
 ):  # fmt: skip
     app.command()(command)
 
@@ -66,6 +73,7 @@ def main() -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, _stop)
+    collect_seldom()
     show_warnings_as_notes()
     try:
         with standard_output():

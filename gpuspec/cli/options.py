@@ -25,6 +25,15 @@ BackendOption = Annotated[
 DeviceOption = Annotated[
     str | None, typer.Option("--device", help="Part of a device's name, or its number.")
 ]
+DarkOption = Annotated[
+    str | None, typer.Option("--dark", help="Frames without light: a folder, pattern or file.")
+]
+ColourOption = Annotated[
+    str | None, typer.Option("--colour", help="Of coloured frames: luminance, red, green or blue.")
+]
+GapsOption = Annotated[
+    bool, typer.Option("--gaps", help="Take a series in which numbers are missing.")
+]
 
 
 def folder(given: str | Path) -> Path:
@@ -55,7 +64,14 @@ SetOption = Annotated[
         autocompletion=completion.changes,
     ),
 ]
-GOAL_HELP = f"What is to be highest: p1, {words.P1}; p2, {words.P2}; or f1, of both."
+GOAL_HELP = (
+    f"What is to be the best: p1, {words.P1}; p2, {words.P2}; f1, of both, by the paper's rule; or "
+    f"margin_dn, margin_sigma, images, light_e, cycle_s, ..., beside what --require asks for."
+)
+REQUIRE_HELP = (
+    'What a design must have, e.g. "hits = all", "false_blobs = 0", "margin_sigma >= 6", '
+    '"images <= 16".'
+)
 P1_FLOOR_HELP, P2_FLOOR_HELP = (f"Least {name}; {words.BEST}." for name in (words.P1, words.P2))
 
 

@@ -82,11 +82,18 @@ def _run(
 def _summarise(result: Result, output: Path, chosen: bool) -> None:
     from rich.text import Text
 
-    from gpuspec.cli.tables import print_score, print_table
+    from gpuspec.cli.tables import print_score, print_table, threshold_row
     from gpuspec.light.devices import BACKENDS
 
     score = result.score
     rows, columns = result.station.shape
+    refined = []
+    if result.station.camera.subsampling == "auto":
+        pixels, rays = result.refined["pixels"], result.refined["sub_rays"]
+        refined = [("refined pixels", f"{pixels:,}", words.plural(rays, "sub-ray"))]
+    outline = []
+    if result.silhouette is not None:
+        outline = [("outline", result.silhouette.told, result.silhouette.scored)]
     out = console()
     out.print(
         Text.assemble(
@@ -103,13 +110,21 @@ def _summarise(result: Result, output: Path, chosen: bool) -> None:
         [
             ("defects hit", f"{score.defects_hit} of {score.defects}", ""),
             ("blobs", f"{score.blobs}", f"{score.false_blobs} false"),
-            ("threshold", f"{result.threshold:.1f} DN", f"flawless {result.flawless_dn:.1f} DN"),
+            threshold_row(result.inspection),
+            *refined,
+            *outline,
         ],
     )
     if score.defects or score.blobs:
         found = zip(result.confusion.rows, result.confusion.counts, strict=True)
         table = [(name, *map(str, counts)) for name, counts in found]
         print_table(table, ["known \\ found", *result.confusion.columns], title="classes")
+    if e := result.expected:
+        recall = "" if e.p2 is None else f", P2 {e.p2:.3f} ± {e.p2_deviation:.4f}"
+        out.print(
+            f"over all draws of the noise: P1 {e.p1:.3f} ± {e.p1_deviation:.4f}{recall}, "
+            f"{e.defects_hit:.1f} ± {e.defects_hit_deviation:.1f} defects hit", soft_wrap=True,
+        )  # fmt: skip
     print_notes(result.warnings)
     print_assumptions(result.assumptions)
     out.print(Text.assemble("results in ", (str(output), "bold")), soft_wrap=True)

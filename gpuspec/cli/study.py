@@ -20,12 +20,12 @@ from gpuspec.cli.options import (
 from gpuspec.cli.terminal import console, print_notes, progress
 
 if TYPE_CHECKING:
-    from gpuspec.files import Outputs
     from gpuspec.station.station import Station
+    from gpuspec.studies.deflection import Dent
     from gpuspec.studies.outcome import Outcome
 
 app = typer.Typer(
-    help="Study a station: signature, height, coverage, tolerance. "
+    help="Study a station: signature, coverage, threshold and more. "
     "Each writes a figure and a table.",
     no_args_is_help=True,
 )
@@ -49,19 +49,17 @@ def signature(
 ) -> None:
     """Signature of a defect over its distance to a transition."""
     from gpuspec.studies import signature
-    from gpuspec.studies.deflection import described
-    from gpuspec.studies.outcome import outputs
 
     described_station = _read(station, change) if station else None
     if described_station is None and change:
         from gpuspec.errors import StationError
 
         raise StationError("--set changes a station; name a station file, too.")
-    dent = described(diameter_mm, depth_um)
+    dent = _dent(diameter_mm, depth_um)
     _leave(
-        outputs("signature", described_station, output, force=force),
+        "signature", described_station, output, force,
         lambda _: signature.study(described_station, dent, backend=backend, device=device),
-    )
+    )  # fmt: skip
 
 
 @app.command()
@@ -75,11 +73,9 @@ def height(
 ) -> None:
     """How far height and orientation move the light point. Over the camera's distance."""
     from gpuspec.studies import height
-    from gpuspec.studies.deflection import described
-    from gpuspec.studies.outcome import outputs
 
-    read, dent = _read(station, change), described(diameter_mm, depth_um)
-    _leave(outputs("height", read, output, force=force), lambda _: height.study(read, dent))
+    read, dent = _read(station, change), _dent(diameter_mm, depth_um)
+    _leave("height", read, output, force, lambda _: height.study(read, dent))
 
 
 @app.command()
@@ -95,14 +91,9 @@ def coverage(
 ) -> None:
     """How near a transition comes to each point, and which are blind."""
     from gpuspec.studies import coverage
-    from gpuspec.studies.deflection import described
-    from gpuspec.studies.outcome import outputs
 
-    read, dent = _read(station, change), described(diameter_mm, depth_um)
-    _leave(
-        outputs("coverage", read, output, force=force),
-        lambda _: coverage.study(read, dent, backend, device),
-    )
+    read, dent = _read(station, change), _dent(diameter_mm, depth_um)
+    _leave("coverage", read, output, force, lambda _: coverage.study(read, dent, backend, device))
 
 
 @app.command()
@@ -117,6 +108,12 @@ def tolerance(
     rotation_rad: Annotated[
         float, typer.Option("--rotation-rad", help="Part about z, so far each way.")
     ] = 0.05,
+    tilt_rad: Annotated[
+        float, typer.Option("--tilt-rad", help="Part and camera about x and y, so far each way.")
+    ] = 0.005,
+    camera_tilt_rad: Annotated[
+        float | None, typer.Option("--camera-tilt-rad", help="The camera, if another way.")
+    ] = None,
     height_mm: Annotated[
         float, typer.Option("--height-mm", help="Tunnel and camera, so far up and down.")
     ] = 5.0,
@@ -127,25 +124,41 @@ def tolerance(
     change: SetOption = None,
     force: ForceOption = False,
 ) -> None:
-    """Tolerance of a design to pose, heights and reflectivity. Its threshold is held."""
+    """Tolerance of a design to pose, heights, light and [tolerance].
+
+    Its threshold is held.
+    """
     from gpuspec.studies import tolerance
-    from gpuspec.studies.outcome import outputs
 
     read = _read(station, change)
     _leave(
-        outputs("tolerance", read, output, force=force),
+        "tolerance", read, output, force,
         lambda tell: tolerance.study(
-            read,
-            offset_mm=offset_mm,
-            rotation_rad=rotation_rad,
-            height_mm=height_mm,
-            reflectivity=reflectivity,
-            steps=steps,
-            backend=backend,
-            device=device,
-            progress=tell,
+            read, offset_mm=offset_mm, rotation_rad=rotation_rad, tilt_rad=tilt_rad,
+            camera_tilt_rad=camera_tilt_rad, height_mm=height_mm, reflectivity=reflectivity,
+            steps=steps, backend=backend, device=device, progress=tell,
         ),
-    )
+    )  # fmt: skip
+
+
+@app.command()
+def threshold(
+    station: StationArgument,
+    output: OutputOption = Path("study"),
+    backend: BackendOption = "auto",
+    device: DeviceOption = None,
+    levels: Annotated[int, typer.Option("--levels", help="Thresholds tried.")] = 200,
+    change: SetOption = None,
+    force: ForceOption = False,
+) -> None:
+    """What each threshold finds, and which find all and nothing else."""
+    from gpuspec.studies import threshold
+
+    read = _read(station, change)
+    _leave(
+        "threshold", read, output, force,
+        lambda tell: threshold.study(read, levels, backend, device, tell),
+    )  # fmt: skip
 
 
 def _read(station: Path, change: list[str] | None) -> Station:
@@ -154,10 +167,23 @@ def _read(station: Path, change: list[str] | None) -> Station:
     return changed(Station.read(station), change)
 
 
-def _leave(results: Outputs, study: Callable[[Any], Outcome]) -> None:
-    """Do a study, write its files into the folder, and say what it found."""
-    from gpuspec.studies.outcome import files
+def _dent(diameter_mm: float | None, depth_um: float | None) -> Dent | None:
+    from gpuspec.studies.deflection import described
 
+    return described(diameter_mm, depth_um)
+
+
+def _leave(
+    name: str,
+    station: Station | None,
+    folder: Path,
+    force: bool,
+    study: Callable[[Any], Outcome],
+) -> None:
+    """Do a study, write its files into the folder, and say what it found."""
+    from gpuspec.studies.outcome import files, outputs
+
+    results = outputs(name, station, folder, force=force)
     with results.writing() as partial, progress() as tell:
         outcome = study(tell)
         tell("drawing")

@@ -17,7 +17,7 @@ from gpuspec.cli.options import (
     StationArgument,
     changed,
 )
-from gpuspec.cli.terminal import console, counted, extra, print_assumptions, print_notes
+from gpuspec.cli.terminal import console, counted, extra, kept_in, print_assumptions, print_notes
 
 if TYPE_CHECKING:
     from gpuspec.sweeps.crew import Crew
@@ -140,16 +140,8 @@ def _swept(plan: Plan, output: Path, crew: Crew) -> tuple[RunFolder, float]:
     from gpuspec.sweeps import sweep as run
 
     start = time.perf_counter()
-    try:
-        with counted(plan.designs) as tell:
-            made = run.sweep(plan, output, progress=tell, crew=crew)
-    except BaseException as error:
-        if not isinstance(error, Exception):  # Ctrl-C
-            console(stderr=True).print(
-                f"what was finished is in {output}; the same command goes on with it.",
-                soft_wrap=True,
-            )
-        raise
+    with kept_in(output), counted(plan.designs) as tell:
+        made = run.sweep(plan, output, progress=tell, crew=crew)
     return made, time.perf_counter() - start
 
 

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from typing import TYPE_CHECKING
 
 from gpuspec import words
 from gpuspec.cli.terminal import console
+
+if TYPE_CHECKING:
+    from gpuspec.detection.inspection import Inspection
 
 _FRAME, _PADDING = 1, 2  # columns of a terminal: a rule, and the blanks about a cell
 
@@ -93,6 +97,12 @@ def print_score(p1: str, p2: str, f1: str, others: Sequence[Sequence[str]] = ())
     values = {"p1": p1, "p2": p2, "f1": f1}
     rows = [(words.SCORES[key], value, words.MEANINGS[key]) for key, value in values.items()]
     print_table([*rows, *others], whole=[1], framed=False)
+
+
+def threshold_row(found: Inspection) -> tuple[str, str, str]:
+    """Return a row of three cells: the threshold, and how it came about."""
+    how = "" if found.rule == "stated" else f", {found.threshold_said}"
+    return "threshold", f"{found.threshold:.1f} DN", f"flawless {found.flawless_dn:.1f} DN{how}"
 
 
 def _room(columns: int, framed: bool) -> int:

@@ -12,6 +12,8 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, TextIO
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from rich.console import Console
     from rich.text import Text
 
@@ -65,6 +67,20 @@ def counted(total: int) -> Iterator[Any]:
     with bar:
         task = bar.add_task("starting", total=total)
         yield lambda text, done, of: bar.update(task, description=text, completed=done, total=of)
+
+
+@contextmanager
+def kept_in(output: Path) -> Iterator[None]:
+    """Say where what was finished is, when Ctrl-C ends it."""
+    try:
+        yield
+    except BaseException as error:
+        if not isinstance(error, Exception):
+            console(stderr=True).print(
+                f"what was finished is in {output}; the same command goes on with it.",
+                soft_wrap=True,
+            )
+        raise
 
 
 def note_space(*outputs: Outputs) -> None:

@@ -175,10 +175,11 @@ def score(labels: LabelImage, truth: LabelImage, valid: Mask, defects: int) -> S
     if truth.max(initial=0) > defects:
         raise ValueError(f"truth holds the label {truth.max()} but the part has {defects} defects.")
 
-    zone = truth[(truth != 0) & valid].astype(np.intp)
-    detected = (labels != 0) & valid
-    blob = labels[detected].astype(np.intp)
-    zone_hit = truth[detected].astype(np.intp)
+    # Places of the few that are set: taking these is faster than a mask of all.
+    zone = truth.flat[np.flatnonzero((truth != 0) & valid)].astype(np.intp)
+    detected = np.flatnonzero((labels != 0) & valid)
+    blob = labels.flat[detected].astype(np.intp)
+    zone_hit = truth.flat[detected].astype(np.intp)
 
     defect_zone_px = np.bincount(zone, minlength=defects + 1)[1:]
     defect_hit_px = np.bincount(zone_hit, minlength=defects + 1)[1:]

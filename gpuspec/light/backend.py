@@ -8,7 +8,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from gpuspec.errors import BackendError
+from gpuspec.light.levels import Pixels
 from gpuspec.light.light_map import LightMap
+from gpuspec.light.refined import RefinedLightMap
 from gpuspec.part.relief import Relief
 from gpuspec.station.station import Station
 
@@ -74,8 +76,33 @@ class Backend(ABC):
     def settle(self, settings: Settings) -> None:  # noqa: B027 (most have none)
         """Take the settings with which the device is known to compute."""
 
-    @abstractmethod
-    def trace(self, station: Station, relief: Relief | None = None) -> LightMap:
+    def trace_again(
+        self, light_map: LightMap, station: Station, pixels: Pixels | None = None
+    ) -> LightMap:
+        """Trace the part of a light map under another tunnel: the same part, the same camera.
+
+        Parameters
+        ----------
+        light_map : LightMap
+            Of this backend.
+        station : Station
+            What else it says than of the tunnel, stripes, sensor or sequence is not looked at.
+        pixels : ndarray of uint32, shape (n,), optional
+            Those of a list; None: the same as before.
+
+        Raises
+        ------
+        BackendError
+            If the backend keeps nothing to trace again with.
+        """
+        raise BackendError(f"{self.info} does not trace a light map again; trace the station.")
+
+    screens = False
+    """Whether its counters take lists of pixels in place of whole images."""
+
+    def trace(
+        self, station: Station, relief: Relief | None = None, pixels: Pixels | None = None
+    ) -> LightMap:
         """Trace a station to a light map that stays on the device.
 
         Parameters
@@ -83,6 +110,10 @@ class Backend(ABC):
         station : Station
         relief : Relief, optional
             The station's relief if already resolved.
+        pixels : ndarray of uint32, shape (n,), optional
+            Flat indices into the image, in any order: a light map of these pixels alone, whose
+            images have the shape (1, n) and are theirs to the bit, but for the last bits of means
+            made image by image. None: the whole image.
 
         Examples
         --------
@@ -90,6 +121,23 @@ class Backend(ABC):
         >>> light_map = gpuspec.open_backend("numpy").trace(station)
         >>> light_map.aspect().shape
         (100, 400)
+        """
+        relief = relief or Relief.of(station)
+        if station.camera.subsampling != "auto":
+            return self.traced(station, relief, pixels)
+        return RefinedLightMap(station, lambda of, some: self.traced(of, relief, some), pixels)
+
+    @abstractmethod
+    def traced(self, station: Station, relief: Relief, pixels: Pixels | None = None) -> LightMap:
+        """Trace a station whose pixels all have the same number of sub-rays.
+
+        Parameters
+        ----------
+        station : Station
+        relief : Relief
+            The station's.
+        pixels : ndarray of uint32, shape (n,), optional
+            See :meth:`trace`.
         """
 
 

@@ -17,17 +17,40 @@ camera 1.5 to 2.5 times as far as the part is long: after two steps light points
 thousandth of their footprint, after three by 2e-9. From as far as the part is long, the worst of
 80,000 pixels is off by 11 % of its footprint after two steps, by 0.1 % after three."""
 
+POSED_STEPS = 6
+"""The same of a posed part, whose field angle may be that of its tilt, and of one that a ray may
+meet twice, from its highest point on."""
+
 CHUNK = 8
 """Images whose exposure is worked out together: each sub-ray's trapezoid is made once for all."""
+
+HARMONICS = 16
+"""Of a light that is no stripes, at most: through a screen's gamma a sinusoid has some five."""
 
 GROUP = 128
 """Invocations of a workgroup of the compute shaders."""
 
+EXPOSURES = 16
+"""Designs that differ in exposure alone and are worked out together."""
+
 LEVELS = 256
 """Levels of an aspect image: how many of as many thresholds a pixel is above."""
 
+LINE = 4096
+"""Pixels of a list side by side in a row of the device; a power of two."""
+
+STRIP_VECTORS, STRIP_ROWS = 32, 32
+"""What a work-item looks at to find where sub-rays are needed: vectors of a row, and rows."""
+
+LINE_MIN = 64
+"""The same of short lists, rounded up to a power of two, at least."""
+
 NO_PIXEL = 0xFFFFFFFF
 """In a list of pixels: none."""
+
+CELLS_FINE, CELLS_COARSE, CELLS_OFFSET = 4096, 512, 224
+"""Cells per E of the table of a sensor's noise (`kernels/noise.h`): below E = 1/16, and above.
+There the place of a signal is E times CELLS_COARSE, plus CELLS_OFFSET."""
 
 SECTIONS = {"ceiling": 0, "box": 1, "arch": 2}
 """Numbers of the tunnel's sections."""
@@ -35,10 +58,18 @@ SECTIONS = {"ceiling": 0, "box": 1, "arch": 2}
 DEFINES = {
     "BLOCK": f"{BLOCK}",
     "NEWTON_STEPS": f"{NEWTON_STEPS}",
+    "POSED_STEPS": f"{POSED_STEPS}",
     "CHUNK": f"{CHUNK}",
+    "HARMONICS": f"{HARMONICS}",
     "GROUP": f"{GROUP}",
+    "EXPOSURES": f"{EXPOSURES}",
     "LEVELS": f"{LEVELS}",
+    "CELLS_FINE": f"{CELLS_FINE}.0f",
+    "CELLS_COARSE": f"{CELLS_COARSE}.0f",
+    "CELLS_OFFSET": f"{CELLS_OFFSET}.0f",
     "NO_PIXEL": f"{NO_PIXEL}u",
+    "STRIP_VECTORS": f"{STRIP_VECTORS}",
+    "STRIP_ROWS": f"{STRIP_ROWS}",
     **{f"SECTION_{name.upper()}": f"{number}.0f" for name, number in SECTIONS.items()},
     **{f"LOST_{reason.name}": f"{reason.value}.0f" for reason in Lost},
 }

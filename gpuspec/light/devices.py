@@ -11,7 +11,7 @@ from typing import Any
 from gpuspec.errors import BackendError, DeviceError, DeviceWarning
 from gpuspec.light import proof
 from gpuspec.light.backend import Backend, DeviceInfo, Settings
-from gpuspec.light.device_test import COPY, FILES, measured
+from gpuspec.light.speed import COPY, FILES, measured
 from gpuspec.shown import html_table
 
 # In the order in which `auto` tries them.
@@ -165,6 +165,7 @@ class Found:
     Attributes
     ----------
     backend : str
+        Its name, of ``BACKENDS``.
     info : DeviceInfo or None
         None: the backend is absent.
     number : int
@@ -260,7 +261,7 @@ class DeviceReport:
     difference_dn : float or None
         How far its image of the small station is from float64; None: it does not compute.
     ms : dict of str to float
-        How long each of `gpuspec.light.device_test.ROWS` takes.
+        How long each of `gpuspec.light.speed.ROWS` takes.
     settings : dict
         With which it is taken from now on.
     failure : str
@@ -338,10 +339,10 @@ def fastest(
     ms = dict(ms)
     widths = dict(settings.get("widths", {}))
     for other, times in answers[1:]:
-        for row, file in FILES.items():
+        for row, files in FILES.items():
             if times[row] < ms[row] / FASTER:
                 ms[row] = times[row]
-                widths[file] = other["widths"][file]
+                widths |= {file: other["widths"][file] for file in files}
     return ({**settings, "widths": widths} if widths else settings), ms
 
 

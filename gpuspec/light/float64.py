@@ -5,7 +5,7 @@ Same model, other arithmetic: every device is held against it. It is not fast.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 from gpuspec.arrays import Lost
 from gpuspec.part.grooves import Grooves, averaged
 from gpuspec.part.maps import relief_at
+from gpuspec.part.marches import MARCH_STEPS, March, march_of
+from gpuspec.part.pose import Frames
 from gpuspec.part.relief import Relief
-from gpuspec.station.materials import MATERIALS
+from gpuspec.station.materials import optical_constants
 from gpuspec.station.station import Station
 
 Array = NDArray[np.float64]
@@ -26,6 +28,7 @@ POISSON_EXACT = 16.0
 POISSON_TERMS = 44
 FIXED_PATTERN = 0xFFFFFFFF
 _NEWTON_STEPS = 8
+_POSED_STEPS = 12
 _REACH = 8.0  # sigmas
 
 
@@ -80,6 +83,9 @@ class Part:
             self.low = np.minimum.reduceat(corners.min(axis=1), self.first) - reach
             self.high = np.maximum.reduceat(corners.max(axis=1), self.first) + reach
         self.maps = relief.maps
+        self.edges = relief.edges
+        self.march = march_of(station, relief)
+        self.free = station.posed or self.march is not None
 
     def at(self, x: Array, y: Array) -> Surface:
         """Return the surface at points.
@@ -267,8 +273,8 @@ class Paths:
         Points on the surface and on the tunnel, mm.
     lost : ndarray of uint8
         Why none is seen, index into ``LOST``.
-    footprint : ndarray
-        On the light, mm; 1 where lost.
+    wide, narrow : ndarray
+        Widths of the two boxes that are the footprint on the light, mm; 1 and 0 where lost.
     irradiance : ndarray
         Relative; 0 where lost.
     """
@@ -276,7 +282,8 @@ class Paths:
     surface: Array
     light: Array
     lost: NDArray[np.uint8]
-    footprint: Array
+    wide: Array
+    narrow: Array
     irradiance: Array
 
 
@@ -298,7 +305,9 @@ def ray_paths(station: Station, relief: Relief, x_mm: Any, y_mm: Any) -> Paths:
     return follow(Part(station, relief), station, np.asarray(x_mm, float), np.asarray(y_mm, float))
 
 
-def follow(part: Part, station: Station, x0: Array, y0: Array) -> Paths:
+def follow(
+    part: Part, station: Station, x0: Array, y0: Array, apart: tuple[float, float] = (0.0, 0.0)
+) -> Paths:
     """Follow camera rays to the light; see :func:`ray_paths`.
 
     The footprint is from ray differentials: H. Igehy, Tracing ray differentials, SIGGRAPH 1999.
@@ -309,40 +318,61 @@ def follow(part: Part, station: Station, x0: Array, y0: Array) -> Paths:
     station : Station
     x0, y0 : ndarray
         Where the rays meet the plane z = 0, mm, of shapes that broadcast.
+    apart : tuple of float
+        How far that is from their pixels' centres, mm.
     """
     camera, tunnel = station.camera, station.tunnel
-    h, p = camera.height_mm, camera.sampling_mm / camera.subsampling
+    h, p = camera.height_mm, camera.sampling_mm / camera.side
     x0, y0 = np.broadcast_arrays(x0, y0)
-    z, s = meet(part, station, x0, y0)
-    k = 1 - z / h
-    point = np.stack([x0 * k, y0 * k, z])
-    view = np.stack([point[0], point[1], z - h])
+    met = _posed(part, station, x0, y0) if part.free else _plain(part, station, x0, y0)
+    point, normal, size = met.point, met.normal, met.size
+    view = met.view
     viewing = np.sqrt(_dot(view, view))
     incident = view / viewing
-    upright = np.stack([-s.zx, -s.zy, np.ones_like(z)])
-    size = np.sqrt(_dot(upright, upright))
-    normal = upright / size
     ray = incident - 2 * _dot(incident, normal) * normal
     path, wall = hit_tunnel(station, point, ray)
-    square = np.zeros_like(z)
-    for dx, dy in ((p, 0.0), (0.0, p)):
-        dz = (s.zx * dx + s.zy * dy) * k / (1 + (s.zx * x0 + s.zy * y0) / h)
-        if station.part.surface == "orientation":
-            dz = np.zeros_like(z)
-        dp = np.stack([k * dx - x0 * dz / h, k * dy - y0 * dz / h, dz])
-        di = (dp - incident * _dot(incident, dp)) / viewing
-        dn = np.stack([-(s.zxx * dp[0] + s.zxy * dp[1]), -(s.zxy * dp[0] + s.zyy * dp[1]), 0 * z])
+
+    def change(dp: Array, dn: Array, seen: Array) -> Array:
+        """How l moves as S, its normal and the view from the pupil do."""
+        di = (seen - incident * _dot(incident, seen)) / viewing
         dn = (dn - normal * _dot(normal, dn)) / size
         turned = (_dot(di, normal) + _dot(incident, dn)) * normal
         dr = di - 2 * (_dot(incident, normal) * dn + turned)
         moved = dp + path * dr
         dt = -_dot(wall, moved) / np.maximum(_dot(wall, ray), 1e-6)
-        square += (moved[0] + dt * ray[0]) ** 2
-    pupil = np.sqrt(3) / 2 * camera.pupil_mm * path / viewing
-    rough = np.sqrt(12) * 2 * station.part.roughness_rad * path
-    footprint = np.maximum(np.sqrt(square + pupil**2 + rough**2), FOOTPRINT_MIN_MM)
+        dl: Array = moved[0] + dt * ray[0]
+        return dl
+
+    across, down = (
+        change(dp, dn, dp) for dp, dn in (met.moved(dx, dy) for dx, dy in ((p, 0.0), (0.0, p)))
+    )
+    radius = camera.pupil_mm * path / viewing / 2
+    spread = 2 * station.part.roughness_rad * path
     light = point + path * ray
-    lost = np.zeros(z.shape, np.uint8)
+    spotted = camera.blur_mm > 0 or camera.focus_mm is not None
+    if part.free or spotted:
+        # How l moves as a mm of the pupil turns the ray about its point.
+        still = np.zeros_like(point)
+        aside = np.stack([change(still, still, -axis) for axis in met.pupil])
+        if part.free:
+            radius = camera.pupil_mm / 2 * np.hypot(*aside)
+    if spotted:
+        by = np.stack([across, down]) / p  # and as it moves by a mm on the camera's z = 0
+        if camera.focus_mm is not None:
+            off = 1 / met.share - h / camera.focus_mm
+            radius = camera.pupil_mm / 2 * np.hypot(*(off * by + aside))
+        lens = camera.blur_mm * np.hypot(*by)
+        if camera.side == 1:
+            spread = np.hypot(spread, lens)
+        else:  # sub-rays lie on a square of the whole spot's variance; a disc is what that lacks
+            along = by + camera.lean * aside
+            variance = ((camera.sampling_mm * by) ** 2).sum(axis=0) / 12 + lens**2 + radius**2 / 4
+            whole = camera.spot_side_mm * along
+            across, down = whole / camera.side
+            radius = 2 * np.sqrt(np.maximum(variance - (whole**2).sum(axis=0) / 12, 0))
+            light[0] += camera.lean * (apart[0] * aside[0] + apart[1] * aside[1])
+    wide, narrow = two_boxes(across, down, radius, spread)
+    lost = np.zeros(path.shape, np.uint8)
     lost[
         (np.abs(light[0]) <= tunnel.opening_length_mm / 2)
         & (np.abs(light[1]) <= tunnel.opening_width_mm / 2)
@@ -350,119 +380,187 @@ def follow(part: Part, station: Station, x0: Array, y0: Array) -> Paths:
         & (tunnel.opening_length_mm > 0)
     ] = Lost.OPENING
     lost[np.abs(light[0]) > tunnel.length_mm / 2] = Lost.END
+    lost[met.again] = Lost.AGAIN
     lost[ray[2] <= 0] = Lost.DOWN
-    beside = np.abs(point[0]) > station.part.length_mm / 2
-    lost[beside | (np.abs(point[1]) > station.part.width_mm / 2)] = Lost.BESIDE
+    lost[met.hidden] = Lost.HIDDEN
+    beside = np.abs(met.place[0]) > station.part.length_mm / 2
+    beside |= np.abs(met.place[1]) > station.part.width_mm / 2
+    said = part.edges.outline(met.place[0], met.place[1])
+    lost[np.where(said == 0, beside, said < 0)] = Lost.BESIDE
     field = (h / np.sqrt(x0**2 + y0**2 + h**2)) ** 4 if camera.vignetting == "cos4" else 1.0
     cosine = np.abs(_dot(incident, normal))
-    seen = field * fresnel_reflectance(cosine, *MATERIALS[station.part.material])
+    constants = optical_constants(station.part.material, tunnel.wavelength_nm)
+    seen = field * fresnel_reflectance(cosine, *constants)
     return Paths(
         np.moveaxis(point, 0, -1),
         np.moveaxis(light, 0, -1),
         lost,
-        np.where(lost == 0, footprint, 1.0),
+        np.where(lost == 0, wide, 1.0),
+        np.where(lost == 0, narrow, 0.0),
         np.where(lost == 0, seen, 0.0),
     )
 
 
-def trapezoid(light: Array, footprint: Array, station: Station) -> tuple[Array, ...]:
-    """Return centre, reach, low, high (periods), base and slope of the lit fraction.
+@dataclass(frozen=True)
+class _Met:
+    """Where camera rays meet the part, in the station's frame; arrays of shape (3, ...) or (...).
 
-    Parameters
+    Attributes
     ----------
-    light, footprint : ndarray
-        Light coordinate and footprint in mm, of one shape.
-    station : Station
-        Its stripes are used.
-
-    Returns
-    -------
-    centre, reach, low, high, base, slope : ndarray, of the same shape
+    point, view, normal : ndarray
+        The point S, from the pupil to it, and the unit normal there.
+    size : ndarray
+        Of the normal (-dz/dx, -dz/dy, 1).
+    place : ndarray
+        S in the part's frame.
+    share : ndarray
+        Of the way from the pupil to the camera's plane z = 0 that S is away.
+    moved : callable
+        How S and the normal of that size move as a ray does by (dx, dy) on the plane in focus.
+    pupil : tuple of ndarray
+        The two directions in the pupil's plane.
+    hidden, again : ndarray of bool
+        Whether another piece of the part hides S, or its reflected ray meets the part again.
     """
-    period = station.tunnel.period_mm
-    a = station.tunnel.luminous_mm / period
-    light, footprint = light / period, footprint / period
-    n = np.floor(footprint)
-    rest = footprint - n
-    return (
-        light - a / 2 - n / 2,
-        (a + rest) / 2,
-        np.maximum(a + rest - 1, 0),
-        np.minimum(rest, a),
-        n * a / footprint,
-        1 / footprint,
-    )
+
+    point: Array
+    view: Array
+    normal: Array
+    size: Array
+    place: Array
+    share: Array
+    moved: Callable[[float, float], tuple[Array, Array]]
+    pupil: tuple[Array, ...]
+    hidden: Any = False
+    again: Any = False
 
 
-def lit_fraction(light: Array, footprint: Array, shift_mm: float, station: Station) -> Array:
-    """Return the luminous share of the footprint, by the integral of the stripes.
+def _turning(s: Surface, dp: Array) -> Array:
+    """Return how (-dz/dx, -dz/dy, 1) changes as its point moves by dp."""
+    return np.stack([-(s.zxx * dp[0] + s.zxy * dp[1]), -(s.zxy * dp[0] + s.zyy * dp[1]), 0 * s.z])
+
+
+def _plain(part: Part, station: Station, x0: Array, y0: Array) -> _Met:
+    """Follow the rays of a camera above the origin to a part that lies on z = 0."""
+    h = station.camera.height_mm
+    z, s = meet(part, station, x0, y0)
+    k = 1 - z / h
+    point = np.stack([x0 * k, y0 * k, z])
+    upright = np.stack([-s.zx, -s.zy, np.ones_like(z)])
+    size = np.sqrt(_dot(upright, upright))
+
+    def moved(dx: float, dy: float) -> tuple[Array, Array]:
+        dz = (s.zx * dx + s.zy * dy) * k / (1 + (s.zx * x0 + s.zy * y0) / h)
+        if station.part.surface == "orientation":
+            dz = np.zeros_like(z)
+        dp = np.stack([k * dx - x0 * dz / h, k * dy - y0 * dz / h, dz])
+        return dp, _turning(s, dp)
+
+    view = np.stack([point[0], point[1], z - h])
+    axes = tuple(np.zeros_like(point) for _ in range(2))
+    for i, axis in enumerate(axes):
+        axis[i] = 1
+    return _Met(point, view, upright / size, size, point, k, moved, axes)
+
+
+def _posed(part: Part, station: Station, x0: Array, y0: Array) -> _Met:
+    """Follow the rays of any camera to a part in any pose: in the part's frame, then turned."""
+    frames, h = Frames.of(station), station.camera.height_mm
+    start, look = frames.rays(station, x0, y0)
+    rises = station.part.surface == "height"
+    high = part.march.highest_mm if part.march else 0.0
+    way = (high - start[2]) / look[2]
+    s = part.at(*(start + way * look)[:2])
+    for _ in range(_POSED_STEPS if rises else 0):
+        miss = start[2] + way * look[2] - s.z
+        way = way - miss / (look[2] - s.zx * look[0] - s.zy * look[1])
+        s = part.at(*(start + way * look)[:2])
+    place = start + way * look
+    upright = np.stack([-s.zx, -s.zy, np.ones_like(s.z)])
+    size = np.sqrt(_dot(upright, upright))
+    level = np.stack([0 * s.z, 0 * s.z, np.ones_like(s.z)])
+    kept = upright if rises else level  # what the point keeps to as its ray moves
+    share = 1 + way / h
+
+    def turned(v: Array) -> Array:
+        there: Array = np.tensordot(frames.turn, v, 1)
+        return there
+
+    def moved(dx: float, dy: float) -> tuple[Array, Array]:
+        step = (frames.view @ [dx, dy, 0.0]).reshape(3, *[1] * s.z.ndim)
+        dp = share * (step - look * _dot(kept, step + 0 * look) / _dot(kept, look))
+        return turned(dp), turned(_turning(s, dp))
+
+    facing = _dot(look, upright)
+    hidden, again = facing >= 0, np.zeros(s.z.shape, bool)
+    if part.march is not None:
+        onward = look - 2 * facing / size**2 * upright
+        hidden |= np.abs(place[2] - s.z) > part.march.slack_mm
+        hidden |= _meets(part, station, part.march, place, -look)
+        again = _meets(part, station, part.march, place, onward)
+    origin = frames.origin.reshape(3, *[1] * s.z.ndim)
+    # What is behind the camera is beside the part.
+    beside = np.where(share > 0, place, np.inf)
+    axes = frames.turn @ frames.view
+    pupil = tuple(np.broadcast_to(axes[:, i].reshape(origin.shape), place.shape) for i in (0, 1))
+    return _Met(
+        turned(place) + origin, turned(share * h * look), turned(upright / size), size, beside,
+        share, moved, pupil, hidden, again,
+    )  # fmt: skip
+
+
+def _meets(part: Part, station: Station, march: March, start: Array, ray: Array) -> Any:
+    """Whether rays dip below the part on their way up, or across it."""
+    up = np.maximum(march.highest_mm - start[2], 0) / np.maximum(ray[2], 1e-6)
+    half = station.part.length_mm / 2, station.part.width_mm / 2
+    ends = [
+        (side - np.sign(ray[i]) * start[i]) / np.maximum(np.abs(ray[i]), 1e-6)
+        for i, side in enumerate(half)
+    ]
+    way = np.minimum(*ends)
+    way = np.maximum(np.where(ray[2] > 0, np.minimum(way, up), way), 0)
+    met = np.zeros(way.shape, bool)
+    for number in range(1, MARCH_STEPS + 1):
+        x, y, z = start + (number / MARCH_STEPS) ** 2 * way * ray
+        met |= z < part.at(x, y).z - march.slack_mm
+    return met
+
+
+def two_boxes(across: Array, down: Array, radius: Array, spread: Array) -> tuple[Array, Array]:
+    """Return the widths of two boxes that, folded, are much like what a pixel averages.
+
+    Their variance and fourth cumulant are the sums of those of four kernels; of two boxes the
+    fourth cumulant is at most that of two of one width.
 
     Parameters
     ----------
-    light, footprint : ndarray
-        Light coordinate and footprint in mm, of one shape.
-    shift_mm : float
-        Of the tunnel.
-    station : Station
-        Its stripes are used.
+    across, down : ndarray
+        Widths of the boxes that are the pixel's square, mm.
+    radius : ndarray
+        Of the pupil's image, a disc seen edge-on, mm.
+    spread : ndarray
+        Standard deviation of the Gaussian of roughness and lens, mm.
 
     Returns
     -------
-    ndarray of float64, of the same shape
-        From 0 to 1.
+    wide, narrow : ndarray
 
     Examples
     --------
-    >>> from gpuspec.light.float64 import lit_fraction
-    >>> station = gpuspec.Station(tunnel={"luminous_mm": 4.0, "dark_mm": 12.0})
-    >>> light = np.array([2.0, 4.0, 8.0])  # in the stripe, on its edge, in the dark
-    >>> lit_fraction(light, np.full(3, 1.0), 0.0, station).tolist()
-    [1.0, 0.5, 0.0]
+    >>> from gpuspec.light.float64 import two_boxes
+    >>> pixel, pupil = np.array([[-3.0, 0.0], [4.0, 0.0]]), np.array([0.0, 1.0])
+    >>> wide, narrow = two_boxes(pixel[0], pixel[1], pupil, np.zeros(2))
+    >>> wide.round(3).tolist(), narrow.round(3).tolist()
+    ([4.0, 1.651], [3.0, 0.525])
     """
-    a, period = station.tunnel.luminous_mm, station.tunnel.period_mm
-
-    def luminous_up_to(u: Array) -> Array:
-        turns = np.floor(u / period)
-        return a * turns + np.minimum(u - turns * period, a)
-
-    centre = light - shift_mm
-    return (
-        luminous_up_to(centre + footprint / 2) - luminous_up_to(centre - footprint / 2)
-    ) / footprint
-
-
-def mean_over_scan(light: Array, footprint: Array, irradiance: Array, station: Station) -> Array:
-    """Return the mean of min(E, 1) over a whole period in equal steps, in closed form.
-
-    Parameters
-    ----------
-    light, footprint, irradiance : ndarray
-        Light coordinate and footprint in mm, and relative irradiance, of one shape.
-    station : Station
-        Its shifts fill whole periods in equal steps.
-
-    Returns
-    -------
-    ndarray of float64, of the same shape
-        From 0 to 1, full scale.
-    """
-    centre, reach, low, high, base, slope = trapezoid(light, footprint, station)
-    gain, leak = station.sensor.exposure * irradiance, station.tunnel.dark_leak
-    base, slope = gain * (leak + (1 - leak) * base), gain * (1 - leak) * slope
-    assert station.distinct_shifts is not None
-    shifts = float(station.distinct_shifts)
-    h = np.minimum((1 - base) / np.maximum(slope, 1e-20), high)
-    k = np.minimum(low, h)
-    phase = centre * shifts
-    phase = phase - np.floor(phase)
-    total = shifts * k
-    for o in (phase, 1 - phase):
-        n1 = np.maximum(np.floor((reach - h) * shifts - o) + 1, 0)
-        n0 = np.maximum(np.floor((reach - k) * shifts - o) + 1, 0)
-        m = n0 - n1
-        total = total + n1 * (h - k) + m * (reach - k)
-        total = total - (m * o + (n0 * (n0 - 1) - n1 * (n1 - 1)) / 2) / shifts
-    return base + slope * total / shifts
+    variance = (across**2 + down**2) / 12 + radius**2 / 4 + spread**2
+    cumulant = -(across**4 + down**4) / 120 - radius**4 / 16
+    squares = 12 * variance
+    fourths = np.maximum(-120 * cumulant, squares**2 / 2)
+    root = np.sqrt(np.maximum(2 * fourths - squares**2, 0))
+    wide = np.sqrt((squares + root) / 2)
+    narrow = np.sqrt(np.maximum(squares - root, 0) / 2)
+    return np.maximum(wide, FOOTPRINT_MIN_MM), narrow
 
 
 def random_words(column: Any, row: Any, image: int, seed: int) -> Words:

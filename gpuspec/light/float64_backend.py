@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.arrays import Image
 from gpuspec.light.backend import Backend, DeviceInfo, chosen
-from gpuspec.light.float64 import Array, Part, follow, grey_level, lit_fraction, mean_over_scan
-from gpuspec.light.light_map import FUSIONS, LightMap, LightMapArrays
+from gpuspec.light.diffuse import diffuse_share
+from gpuspec.light.float64 import Array, Part, follow, grey_level
+from gpuspec.light.float64_stripes import lit_fraction, mean_over_scan
+from gpuspec.light.levels import Pixels
+from gpuspec.light.light_map import FUSIONS, PLANES, LightMap, LightMapArrays, check_list
 from gpuspec.light.records import differential_pairs
 from gpuspec.part.relief import Relief
 from gpuspec.station.station import Station
@@ -25,39 +29,57 @@ class NumpyBackend(Backend):
         chosen("numpy", ["cpu"], device)
         self.info = DeviceInfo("numpy", "cpu", "NumPy float64", np.__version__)
 
-    def trace(self, station: Station, relief: Relief | None = None) -> NumpyLightMap:
-        """Trace a station; see :meth:`Backend.trace`."""
-        return NumpyLightMap(station, relief or Relief.of(station))
+    def traced(
+        self, station: Station, relief: Relief, pixels: Pixels | None = None
+    ) -> NumpyLightMap:
+        """See :meth:`Backend.traced`."""
+        return NumpyLightMap(station, relief, pixels)
 
 
 class NumpyLightMap(LightMap):
     """A light map in float64; bands of rows keep the working memory small."""
 
-    def __init__(self, station: Station, relief: Relief) -> None:
+    def __init__(self, station: Station, relief: Relief, pixels: Pixels | None = None) -> None:
         self.station = station
-        rows, columns = station.shape
-        n, p = station.camera.subsampling, station.camera.sampling_mm
+        self.pixels = pixels
+        if pixels is not None:
+            check_list(pixels, station)
+        image_rows, image_columns = station.shape
+        rows, columns = self.shape
+        n, p = station.camera.side, station.camera.sampling_mm
         part = Part(station, relief)
-        arrays = [np.empty((n * n, rows, columns)) for _ in range(3)]
+        arrays = [np.empty((n * n, rows, columns)) for _ in range(PLANES)]
         lost = np.empty((n * n, rows, columns), np.uint8)
-        column = np.arange(columns, dtype=np.float64)[None, :]
         for band in self._bands():
-            row = np.arange(band.start, band.stop, dtype=np.float64)[:, None]
+            row, column = self._places(band)
             for i in range(n * n):
-                x0: Array = (column + (i % n + 0.5) / n - columns / 2) * p
-                y0: Array = (rows / 2 - row - (i // n + 0.5) / n) * p
-                paths = follow(part, station, x0, y0)
+                x0: Array = (column + (i % n + 0.5) / n - image_columns / 2) * p
+                y0: Array = (image_rows / 2 - row - (i // n + 0.5) / n) * p
+                # Of a pixel that looks at a spot wider than itself they are spread over that.
+                east, north = ((i % n + 0.5) / n - 0.5, 0.5 - (i // n + 0.5) / n)
+                first, third = station.camera.spread
+                more = [p * (first * t + third * t**3) for t in (east, north)]
+                apart = (p * east + more[0], p * north + more[1])
+                paths = follow(part, station, x0 + more[0], y0 + more[1], apart)
                 seen = paths.lost == 0
                 arrays[0][i, band] = np.where(seen, paths.light[..., 0], 0)
-                arrays[1][i, band] = paths.footprint
-                arrays[2][i, band] = paths.irradiance
+                arrays[1][i, band] = paths.wide
+                arrays[2][i, band] = paths.narrow
+                arrays[3][i, band] = paths.irradiance
                 lost[i, band] = paths.lost
         reason = np.where((lost == 0).any(axis=0), 0, lost.max(axis=0)).astype(np.uint8)
-        self._arrays = LightMapArrays(arrays[0], arrays[1], arrays[2], reason)
+        self._arrays = LightMapArrays(arrays[0], arrays[1], arrays[2], arrays[3], reason)
+
+    def _places(self, band: slice) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return the rows and columns of the image that some rows stand for."""
+        if self.pixels is None:
+            return np.arange(band.start, band.stop)[:, None], np.arange(self.shape[1])[None, :]
+        row, column = np.divmod(self.pixels[None].astype(np.int64), self.station.shape[1])
+        return row, column
 
     def _bands(self) -> Iterator[slice]:
-        rows, columns = self.station.shape
-        height = max(_BAND_PIXELS // columns, 1)
+        rows, columns = self.shape
+        height = max(_BAND_PIXELS // max(columns, 1), 1)
         for first in range(0, rows, height):
             yield slice(first, min(first + height, rows))
 
@@ -81,16 +103,16 @@ class NumpyLightMap(LightMap):
         """Grey levels of image k in some rows, float64."""
         m = self._arrays
         shift = k * station.step_mm
-        lit = lit_fraction(m.light_mm[:, band], m.footprint_mm[:, band], shift, station)
-        leak = station.tunnel.dark_leak
-        signal = (m.irradiance[:, band] * (leak + (1 - leak) * lit)).mean(axis=0)
-        column = np.arange(self.station.shape[1])[None, :]
-        row = np.arange(band.start, band.stop)[:, None]
+        footprint = m.wide_mm[:, band], m.narrow_mm[:, band]
+        lit = lit_fraction(m.light_mm[:, band], footprint[0], footprint[1], shift, station)
+        leak, scattered = station.tunnel.dark_leak, diffuse_share(station)
+        signal = (m.irradiance[:, band] * (leak + (1 - leak) * lit + scattered)).mean(axis=0)
+        row, column = self._places(band)
         return grey_level(station.sensor.exposure * signal, station, k, column, row)
 
     def _by_band(self, work: Callable[[slice, Station], Array], station: Station | None) -> Image:
         station = self.lit_by(station)
-        out = np.empty(self.station.shape, np.float32)
+        out = np.empty(self.shape, np.float32)
         for band in self._bands():
             out[band] = work(band, station)
         return out
@@ -112,7 +134,7 @@ class NumpyLightMap(LightMap):
     def fuse(self, station: Station | None = None) -> dict[str, Image]:
         """See :meth:`LightMap.fuse`."""
         s = self.lit_by(station)
-        fused = {name: np.empty(self.station.shape, np.float32) for name in FUSIONS}
+        fused = {name: np.empty(self.shape, np.float32) for name in FUSIONS}
         images, lag, pairs = s.sequence.images, s.sequence.lag, differential_pairs(s)
         for band in self._bands():
             stack = np.stack([self._grey(band, k, s) for k in range(images)])
@@ -130,10 +152,10 @@ class NumpyLightMap(LightMap):
 
         def work(band: slice, s: Station) -> Array:
             m = self._arrays
-            light, footprint, irradiance = (
-                a[0, band] for a in (m.light_mm, m.footprint_mm, m.irradiance)
+            light, wide, narrow, irradiance = (
+                plane[0, band] for plane in (m.light_mm, m.wide_mm, m.narrow_mm, m.irradiance)
             )
-            mean = mean_over_scan(light, footprint, irradiance, s)
+            mean = mean_over_scan(light, wide, narrow, irradiance, s)
             return s.sensor.full_scale_dn * np.minimum(mean, 1)
 
         return self._by_band(work, station)

@@ -7,7 +7,7 @@ that counts of levels are P1, P2 and the defects hit at every threshold, exactly
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -70,14 +70,20 @@ class Zones:
         Where each defect's pixels begin, and the end.
     valid : ndarray of bool, shape (M, N)
         Pixels on the part.
+    guard : ndarray of uint32, shape (k,)
+        Flat indices of the valid pixels around the zones that what is in them may light up, see
+        :mod:`gpuspec.part.guard`.
     """
 
     pixels: Pixels
     first: NDArray[np.int64]
     valid: Mask
+    guard: Pixels = field(default_factory=lambda: np.zeros(0, np.uint32))
 
     @classmethod
-    def of(cls, truth: LabelImage, valid: Mask, defects: int) -> Zones:
+    def of(
+        cls, truth: LabelImage, valid: Mask, defects: int, near: NDArray[np.int64] | None = None
+    ) -> Zones:
         """Collect them from the zones as a label image.
 
         Parameters
@@ -88,18 +94,25 @@ class Zones:
             Pixels on the part.
         defects : int
             Number of zones, of which some may have no pixel.
+        near : ndarray of int64, optional
+            Flat indices of the pixels of the zones and their guard band; None: there is none.
         """
         inside = np.flatnonzero((truth != 0) & valid).astype(np.uint32)
         owner = truth.flat[inside]
         order = np.argsort(owner, kind="stable")
         first = np.searchsorted(owner[order], np.arange(1, defects + 2))
-        return cls(inside[order], first, valid)
+        found = cls(inside[order], first, valid)
+        if near is None:
+            return found
+        around = near[(truth.flat[near] == 0) & valid.flat[near]].astype(np.uint32)
+        return replace(found, guard=around)
 
     def only(self, valid: Mask) -> Zones:
         """Return the zones without the pixels that are not valid, too."""
         kept = valid.flat[self.pixels]
         first = np.concatenate([[0], np.cumsum(kept)])[self.first]
-        return Zones(self.pixels[kept], first, self.valid & valid)
+        guard = self.guard[valid.flat[self.guard]]
+        return Zones(self.pixels[kept], first, self.valid & valid, guard)
 
     @property
     def sizes(self) -> NDArray[np.int64]:
@@ -114,12 +127,13 @@ class Sample:
     Attributes
     ----------
     near : ndarray of uint32, shape (k,)
-        Flat indices of pixels that stand for themselves.
+        Flat indices of pixels outside zones and their guard band that stand for themselves.
     chosen : ndarray of uint32, shape (n,)
-        One pixel drawn from each of n strata; together with `near` these are all pixels outside.
+        One pixel drawn from each of n strata; together with `near` and the guard band these are all
+        pixels outside.
     weight : int
         Pixels of a stratum, the same for all.
-    footprint_mm, irradiance : ndarray of float32, shape (g,)
+    wide_mm, narrow_mm, irradiance : ndarray of float32, shape (g,)
         What bounds the aspect image over the strata, region by region, whatever the light
         coordinate: a footprint and an irradiance whose exposure is not below that of any pixel.
     """
@@ -127,8 +141,14 @@ class Sample:
     near: Pixels
     chosen: Pixels
     weight: int
-    footprint_mm: NDArray[np.float32]
+    wide_mm: NDArray[np.float32]
+    narrow_mm: NDArray[np.float32]
     irradiance: NDArray[np.float32]
+
+    @property
+    def bounds(self) -> tuple[NDArray[np.float32], ...]:
+        """What bounds the aspect image, in the order of a light map's planes."""
+        return self.wide_mm, self.narrow_mm, self.irradiance
 
 
 @dataclass(frozen=True)
@@ -142,13 +162,15 @@ class Levels:
     inside : ndarray of int64, shape (D, 256)
         Of the zones' pixels.
     outside : ndarray of int64, shape (D, 256)
-        Of all other valid pixels or, with a sample, of those near the zones.
+        Of all other valid pixels or, with a sample, of those near the zones, guard band included.
     sampled : ndarray of int64, shape (D, 256)
         Of the sample's chosen pixels; 0 without one.
     peaks : ndarray of int64, shape (D, defects)
         Highest level in each zone.
     ceiling : ndarray of int64, shape (D,)
         No pixel that was not counted has a higher level; 0 if all were.
+    guard : ndarray of int64, shape (D, 256)
+        Of the guard band's pixels, which are among those outside.
     """
 
     inside: Counts
@@ -156,6 +178,7 @@ class Levels:
     sampled: Counts
     peaks: Counts
     ceiling: Counts
+    guard: Counts
 
     @classmethod
     def empty(cls, designs: int, defects: int) -> Levels:
@@ -168,9 +191,9 @@ class Levels:
         defects : int
             Number of zones.
         """
-        inside, outside, sampled = (np.zeros((designs, LEVELS), np.int64) for _ in range(3))
+        inside, outside, sampled, guard = (np.zeros((designs, LEVELS), np.int64) for _ in range(4))
         peaks = np.zeros((designs, defects), np.int64)
-        return cls(inside, outside, sampled, peaks, np.zeros(designs, np.int64))
+        return cls(inside, outside, sampled, peaks, np.zeros(designs, np.int64), guard)
 
     def put(self, where: NDArray[np.intp], other: Levels) -> None:
         """Write the counts of some designs into their places.
@@ -184,7 +207,7 @@ class Levels:
         """
         for own, more in (
             (self.inside, other.inside), (self.outside, other.outside),
-            (self.sampled, other.sampled), (self.peaks, other.peaks),
+            (self.sampled, other.sampled), (self.peaks, other.peaks), (self.guard, other.guard),
         ):  # fmt: skip
             own[where] = more
         self.ceiling[where] = other.ceiling
@@ -220,6 +243,7 @@ def levels_of(aspect: NDArray[np.float32], zones: Zones, full_scale_dn: float) -
     found = Levels.empty(1, len(zones.first) - 1)
     found.inside[0] = np.bincount(inside, minlength=LEVELS)
     found.outside[0] = every - found.inside[0]
+    found.guard[0] = np.bincount(level.flat[zones.guard], minlength=LEVELS)
     seen = np.flatnonzero(zones.sizes)
     if seen.size:
         found.peaks[0, seen] = np.maximum.reduceat(inside, zones.first[seen])

@@ -18,13 +18,24 @@ from pydantic import BaseModel
 
 from gpuspec.arrays import Image
 from gpuspec.errors import BackendError, StationError
-from gpuspec.light.levels import LevelCounter, Levels, Sample, Zones, levels_of
+from gpuspec.light.constants import NO_PIXEL
+from gpuspec.light.float64_noise import Moments, drawn, noisy_moments
+from gpuspec.light.levels import LevelCounter, Levels, Pixels, Sample, Zones, levels_of
 from gpuspec.light.patterns import Pattern
+from gpuspec.light.refinement import bend_of, counted, sides_needed
 from gpuspec.shown import array, object_of
 from gpuspec.station.station import Station
 
+PLANES = 4
+"""Of a light map: light coordinate, both widths of the footprint, irradiance."""
+
+BLIND = (0.0, 1.0, 0.0, 0.0)
+"""What they hold where no light is seen."""
+
 FUSIONS = ("mean", "max", "min", "std", "differential")
-LIGHT = (("tunnel", "luminous_mm"), ("tunnel", "dark_mm"), ("tunnel", "dark_leak"))
+LIGHT = tuple(
+    ("tunnel", key) for key in ("luminous_mm", "dark_mm", "dark_leak", "profile", "profile_gamma")
+)
 """Sections and keys that leave a light map as it is, beside the sensor's and the sequence's."""
 
 
@@ -34,20 +45,28 @@ class LightMapArrays:
 
     Attributes
     ----------
-    light_mm, footprint_mm, irradiance : ndarray, shape (n * n, M, N)
-        Light coordinate, footprint and relative irradiance of each sub-ray, sub-rays row by
-        row within the pixel; irradiance 0 where lost.
+    light_mm, wide_mm, narrow_mm, irradiance : ndarray, shape (n * n, M, N)
+        Light coordinate, widths of the two boxes that are the footprint, and relative irradiance of
+        each sub-ray, sub-rays row by row within the pixel; irradiance 0 where lost.
     lost : ndarray of uint8, shape (M, N)
         Index into ``LOST``: why a pixel sees no light.
     """
 
     light_mm: NDArray[Any]
-    footprint_mm: NDArray[Any]
+    wide_mm: NDArray[Any]
+    narrow_mm: NDArray[Any]
     irradiance: NDArray[Any]
     lost: NDArray[np.uint8]
 
+    @property
+    def footprint_mm(self) -> NDArray[Any]:
+        """Width of one box of the variance of both, shape (n * n, M, N)."""
+        width: NDArray[Any] = np.sqrt(self.wide_mm**2 + self.narrow_mm**2)
+        return width
+
     def __repr__(self) -> str:
-        units = {"light_mm": "mm", "footprint_mm": "mm", "irradiance": "relative", "lost": "codes"}
+        units = dict.fromkeys(("light_mm", "wide_mm", "narrow_mm"), "mm")
+        units |= {"irradiance": "relative", "lost": "codes"}
         parts = {name: array(getattr(self, name), unit) for name, unit in units.items()}
         return object_of("LightMapArrays", "sub-rays, rows, columns", parts)
 
@@ -70,23 +89,30 @@ class LightMap(ABC):
     >>> light_map = gpuspec.open_backend().trace(station)
     >>> darker = station.replace(sensor__exposure=2)  # another design of the same geometry
     >>> [f"{np.median(light_map.aspect(s)):.1f} DN" for s in (station, darker)]
-    ['92.4 DN', '82.8 DN']
+    ['92.1 DN', '81.7 DN']
     """
 
     station: Station
+    pixels: Pixels | None = None
     pattern: Pattern | None = None
     released: bool = False
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of its images; of a list of n pixels 1 and n."""
+        return self.station.shape if self.pixels is None else (1, len(self.pixels))
+
     def __repr__(self) -> str:
-        rows, columns = self.station.shape
-        rays = self.station.camera.subsampling**2
+        rows, columns = self.shape
+        rays, refined = self.station.camera.sub_rays, counted(self.refined)["pixels"]
+        more = f", {refined:,} of them refined" if refined else ""
         lit = f", lit by {self.pattern.file}" if self.pattern else ""
         if self.released:
             return f"{type(self).__name__}({self.station.file}{lit}; released)"
         return (
             f"{type(self).__name__}({self.station.file}: {columns} x {rows} pixels of {rays} "
-            f"sub-ray{'s' * (rays > 1)}{lit}; read() gives light_mm, footprint_mm, irradiance, "
-            f"image(k) and aspect() grey levels in DN)"
+            f"sub-ray{'s' * (rays > 1)}{more}{lit}; read() gives light_mm, wide_mm, narrow_mm, "
+            f"irradiance, image(k) and aspect() grey levels in DN)"
         )
 
     def __enter__(self) -> Self:
@@ -200,6 +226,20 @@ class LightMap(ABC):
             )
         return number
 
+    @property
+    def refined(self) -> dict[int, int]:
+        """How many pixels have n x n sub-rays, by n, where one footprint does not tell them."""
+        return {}
+
+    def sides_needed(self) -> NDArray[np.uint8]:
+        """Return how many sub-rays each pixel needs on each side, shape (M, N).
+
+        See :func:`gpuspec.light.refinement.sides_needed`; of a light map of one ray per pixel.
+        """
+        arrays = self.read()
+        bend = bend_of(self.station.camera)
+        return sides_needed(arrays.light_mm[0], arrays.wide_mm[0], bend)
+
     @abstractmethod
     def read(self) -> LightMapArrays:
         """Bring the light map home.
@@ -222,7 +262,7 @@ class LightMap(ABC):
         >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.5)
         >>> lost = gpuspec.open_backend().trace(station.replace(tunnel__length_mm=200.0)).lost()
         >>> {LOST[code]: int(count) for code, count in enumerate(np.bincount(lost.flat)) if count}
-        {'seen': 29002, "past the tunnel's end": 10998}
+        {'seen': 29205, "past the tunnel's end": 10795}
         """
 
     @abstractmethod
@@ -280,6 +320,104 @@ class LightMap(ABC):
     def closed_form(self, station: Station | None = None) -> Image:
         """Return the noise-free mean over whole periods in closed form, in DN, shape (M, N)."""
 
+    def means_of_exposures(
+        self, station: Station, exposures: Sequence[float]
+    ) -> NDArray[np.float32]:
+        """Return noise-free means over whole periods under designs that differ in exposure alone.
+
+        Parameters
+        ----------
+        station : Station
+            Another design of the traced geometry, whose shifts fill whole periods.
+        exposures : sequence of float
+            In place of its ``sensor.exposure``.
+
+        Returns
+        -------
+        ndarray of float32, shape (exposures, M, N)
+            In DN; each to the bit the same, whatever the others are.
+        """
+        station = self.lit_by(station)
+        sensors = (station.sensor.model_copy(update={"exposure": e}) for e in exposures)
+        designs = (station.model_copy(update={"sensor": sensor}) for sensor in sensors)
+        return np.stack([self.mean(design) for design in designs])
+
+    def noisy(self, station: Station | None) -> Station:
+        """Return the station to take noise of, checked to have it in closed form.
+
+        Raises
+        ------
+        StationError
+            If it has not.
+        """
+        station = self.lit_by(station)
+        if self.pattern is not None or not has_noisy_form(station):
+            raise StationError(
+                f"{station.file}: its noise has no closed form (`has_noisy_form` says when); take "
+                f"its images one by one, by mean()."
+            )
+        return station
+
+    def moments(self, station: Station | None = None) -> Moments:
+        """Return mean and standard deviation of the noisy aspect image over all its draws, in DN.
+
+        The gain and the dark signal of each pixel are its own, as in its images.
+
+        Raises
+        ------
+        StationError
+            If they have no closed form, see `has_noisy_form`.
+
+        Examples
+        --------
+        >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.5, sensor__noise=True)
+        >>> moments = gpuspec.open_backend().trace(station).moments()
+        >>> f"{np.median(moments.mean):.1f} +- {np.median(moments.deviation):.2f} DN"
+        '92.2 +- 0.10 DN'
+        """
+        return self.summed_moments(self.noisy(station))
+
+    def summed_moments(self, station: Station) -> Moments:
+        """Return the same as sums over all images, in float64, with any number of sub-rays."""
+        arrays = self.read()
+        planes = arrays.light_mm, arrays.wide_mm, arrays.narrow_mm, arrays.irradiance
+        found = noisy_moments(planes, station, *self._every_place())
+        return Moments(found.mean.astype(np.float32), found.deviation.astype(np.float32))
+
+    def one_draw(self, station: Station | None = None) -> Image:
+        """Return the aspect image of one draw of the noise, from its moments, in DN.
+
+        A normal number of each pixel stands for the noise of all its images: it is not the image
+        that these give, but one as likely. Sweeps count it.
+
+        Raises
+        ------
+        StationError
+            If the moments have no closed form, see `has_noisy_form`.
+
+        Examples
+        --------
+        >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.5, sensor__noise=True)
+        >>> light_map = gpuspec.open_backend().trace(station)
+        >>> f"{light_map.one_draw()[50, 200]:.1f} DN, its images {light_map.mean()[50, 200]:.1f} DN"
+        '137.1 DN, its images 137.1 DN'
+        """
+        station = self.noisy(station)
+        return drawn(self.moments(station), station, *self._every_place()).astype(np.float32)
+
+    def counted(self, station: Station | None = None) -> Image:
+        """Return the image whose levels sweeps count: one draw of noise, else the aspect image."""
+        station = self.lit_by(station)
+        if self.pattern is None and has_noisy_form(station):
+            return self.one_draw(station)
+        return self.aspect(station)
+
+    def _every_place(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the column and the row in the image of each pixel, each of the shape `shape`."""
+        numbers = np.arange(np.prod(self.shape)) if self.pixels is None else self.pixels
+        row, column = np.divmod(numbers.astype(np.int64), self.station.shape[1])
+        return column.reshape(self.shape), row.reshape(self.shape)
+
     def counter(self, zones: Zones, sample: Sample | None = None) -> LevelCounter:
         """Return what counts levels of the aspect image under many designs of this geometry.
 
@@ -304,7 +442,7 @@ class LightMap(ABC):
         >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.5)
         >>> aspect = gpuspec.open_backend().trace(station).aspect()
         >>> aspect.shape, f"{np.median(aspect):.1f} DN"
-        ((100, 400), '92.4 DN')
+        ((100, 400), '92.1 DN')
         """
         station = self.lit_by(station)
         if self.pattern is None and has_closed_form(station):
@@ -312,6 +450,34 @@ class LightMap(ABC):
         if station.sequence.fusion != "mean":
             return self.fuse(station)[station.sequence.fusion]
         return self.mean(station)
+
+
+def check_list(pixels: Pixels, station: Station) -> None:
+    """See that a list of pixels is one of a station's image.
+
+    Parameters
+    ----------
+    pixels : ndarray
+    station : Station
+
+    Raises
+    ------
+    StationError
+        If it is not.
+    """
+    rows, columns = station.shape
+    if rows * columns > NO_PIXEL:
+        raise StationError(
+            f"{station.file}: lists count the pixels of an image in 32 bits; {columns} x {rows} "
+            f"are too many: set a larger camera.sampling_mm."
+        )
+    if pixels.ndim != 1 or pixels.dtype != np.uint32:
+        raise StationError(f"{station.file}: a list of pixels is a row of numbers of 32 bits.")
+    there = pixels[pixels != NO_PIXEL]
+    if len(there) and there.max() >= rows * columns:
+        raise StationError(
+            f"{station.file}: there is no pixel {there.max()}; the image has {rows * columns}."
+        )
 
 
 @dataclass(frozen=True)
@@ -325,7 +491,7 @@ class _ImageCounter:
         """See :meth:`gpuspec.light.levels.LevelCounter.count`."""
         found = Levels.empty(len(stations), len(self.zones.sizes))
         for i, station in enumerate(stations):
-            image = self.light_map.aspect(self.light_map.under(station))
+            image = self.light_map.counted(self.light_map.under(station))
             found.put(np.array([i]), levels_of(image, self.zones, station.sensor.full_scale_dn))
         return found
 
@@ -342,7 +508,7 @@ def _differing(traced: Station, station: Station) -> str:
                 if isinstance(was, BaseModel) or isinstance(now, BaseModel):
                     return f"its {name}.{key} is another than that traced"
                 return f"{name}.{key} is {now} and was {was} when it was traced"
-    for name in ("defects", "populations"):
+    for name in ("defects", "populations", "edges"):
         if getattr(traced, name) != getattr(station, name):
             return f"its {name} are others than those traced"
     for name in station.files:  # of one name, but in another folder
@@ -352,10 +518,18 @@ def _differing(traced: Station, station: Station) -> str:
     return ""
 
 
+# What noise in closed form was measured for: the mean of few images is no normal number, and read
+# noise of more than 1 % of the saturation capacity clips what is nearly dark.
+_IMAGES_MIN = 8
+_CAPACITY_MIN_E = 100.0
+_READ_MAX = 100.0
+
+
 def has_closed_form(station: Station) -> bool:
     """Whether a station's aspect image has a closed form.
 
-    A mean does over whole periods in equal steps, without noise, with one footprint per pixel.
+    A mean does over whole periods of stripes in equal steps, without noise, with one footprint per
+    pixel (but for those refined by themselves).
 
     Examples
     --------
@@ -364,9 +538,40 @@ def has_closed_form(station: Station) -> bool:
     >>> has_closed_form(station), has_closed_form(station.replace(sensor__noise=True))
     (True, False)
     """
+    return not station.sensor.noise and _is_periodic_mean(station)
+
+
+def _is_periodic_mean(station: Station) -> bool:
     return (
         station.sequence.fusion == "mean"
         and station.distinct_shifts is not None
-        and not station.sensor.noise
-        and station.camera.subsampling == 1
+        and station.camera.sub_rays == 1
+        and station.tunnel.is_striped
     )
+
+
+def has_noisy_form(station: Station) -> bool:
+    """Whether mean and deviation of a station's noisy aspect image have a closed form.
+
+    They do where the image without noise has one, of at least 8 images by a sensor of at least 100
+    electrons whose read noise is at most 1 % of them. Otherwise every image is drawn.
+
+    Examples
+    --------
+    >>> from gpuspec.light.light_map import has_noisy_form
+    >>> station = gpuspec.example("trim").replace(sensor__noise=True)
+    >>> has_noisy_form(station), has_noisy_form(station.replace(sensor__read_noise_e=1000.0))
+    (True, False)
+    """
+    sensor = station.sensor
+    return (
+        sensor.noise
+        and _is_periodic_mean(station)
+        and station.sequence.images >= _IMAGES_MIN
+        and sensor.saturation_e >= max(_CAPACITY_MIN_E, _READ_MAX * sensor.read_noise_e)
+    )
+
+
+def in_closed_form(station: Station) -> bool:
+    """Whether the image that sweeps count has a closed form, with noise or without."""
+    return has_closed_form(station) or has_noisy_form(station)

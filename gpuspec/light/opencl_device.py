@@ -25,10 +25,13 @@ INSTALL = (
 )
 INTEL = "Intel(R) OpenCL"
 
-VECTOR = 8
-"""Pixels of a REAL where it is a vector; rows are padded to whole ones."""
+VECTORS = (16, 8)
+"""Pixels of a REAL where it is a vector, the first with AVX-512; rows are padded to whole ones."""
 
-FILES = ("trace.cl", "aspect.cl", "sequence.cl", "sweep.cl")
+FILES = (
+    "trace.cl", "listed.cl", "posed.cl", "posed_listed.cl", "refine.cl", "aspect.cl",
+    "sequence.cl", "profiled.cl", "sweep.cl",
+)  # fmt: skip
 
 LAUNCH_SECONDS = 0.5
 """How long a launch is meant to last. Nothing stops one that has begun: Ctrl-C waits for it, and a
@@ -40,6 +43,8 @@ desktop's watchdog ends the driver after two seconds, or five."""
 _FIRST_WORK = 5e8
 _GROWTH = 8.0
 _LEAST = 0.01
+# Share of it below which all the work there is takes no time worth knowing.
+_SHORT = 1 / 64
 
 LOCAL_BYTES_MIN = 2048
 """Local memory that counting levels takes at least: one set of counters, and some to spare."""
@@ -235,7 +240,9 @@ class OpenCLDevice:
         """Reserve bytes on the device."""
         return self.cl.Buffer(self.context, self.cl.mem_flags.READ_WRITE, size)
 
-    def copy_home(self, out: NDArray[Any], buffer: Any, first: int = 0) -> None:
+    def copy_home(
+        self, out: NDArray[Any], buffer: Any, first: int = 0, *, wait: bool = True
+    ) -> None:
         """Wait for a buffer, and fill a contiguous array with its bytes from `first` on.
 
         Parameters
@@ -245,8 +252,10 @@ class OpenCLDevice:
         buffer : Buffer
         first : int
             Byte of the buffer.
+        wait : bool
+            Whether to wait for it; else the array is filled when the queue is done.
         """
-        self.cl.enqueue_copy(self.queue, out, buffer, src_offset=first)
+        self.cl.enqueue_copy(self.queue, out, buffer, src_offset=first, is_blocking=wait)
 
     def start(
         self,
@@ -278,13 +287,7 @@ class OpenCLDevice:
     def group(self, file: str, name: str, wanted: int) -> int:
         """Return how many work-items a group of a kernel may have, `wanted` at most.
 
-        Parameters
-        ----------
-        file : str
-            In `kernels/`.
-        name : str
-            Of the kernel in it.
-        wanted : int
+        Other parameters as :meth:`kernel`.
         """
         most = self.kernel(file, name).get_work_group_info(
             self.cl.kernel_work_group_info.WORK_GROUP_SIZE, self.device
@@ -292,16 +295,9 @@ class OpenCLDevice:
         return max(min(wanted, int(most), *map(int, self.device.max_work_item_sizes[:2])), 1)
 
     def group_of_row(self, file: str, name: str, items: int) -> int:
-        """Return the most work-items of a group of a kernel that divide a row of so many.
+        """Return the most work-items of a group that divide a row of `items`.
 
-        Parameters
-        ----------
-        file : str
-            In `kernels/`.
-        name : str
-            Of the kernel in it.
-        items : int
-            Of the row.
+        Other parameters as :meth:`kernel`.
         """
         most = self.group(file, name, items)
         return next(size for size in range(most, 0, -1) if items % size == 0)
@@ -312,7 +308,7 @@ class OpenCLDevice:
         """Yield rows that a launch of a kernel can do in about `LAUNCH_SECONDS`.
 
         Each slice is waited for and timed before the next, which is made longer or shorter by what
-        it took: drivers do not say how fast a device is.
+        it took: drivers do not say how fast a device is. One that is short for certain is not.
 
         Parameters
         ----------
@@ -331,6 +327,9 @@ class OpenCLDevice:
             last = min(max(last, first + 1), first + (most or rows), rows)
             begun = perf_counter()
             yield slice(first, last)
+            if every[-1] < at_once * _SHORT:
+                first, done = last, float(every[last - 1])
+                continue
             self.queue.finish()
             seconds = max(perf_counter() - begun, 1e-9)
             given, done = float(every[last - 1]) - done, float(every[last - 1])

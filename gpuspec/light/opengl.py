@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
 from itertools import count
 from threading import RLock
 from typing import Any
@@ -19,18 +18,21 @@ from numpy.typing import NDArray
 from gpuspec.arrays import Image
 from gpuspec.errors import BackendError, DeviceError
 from gpuspec.light.backend import Backend, DeviceInfo, chosen, failure
+from gpuspec.light.constants import NO_PIXEL
+from gpuspec.light.levels import Pixels
 from gpuspec.light.light_map import FUSIONS
 from gpuspec.light.patterns import Pattern
 from gpuspec.light.records import (
     coefficients,
     design_block,
     geometry_block,
-    groove_records,
     map_records,
+    piece_records,
 )
 from gpuspec.light.sources import named_files, numbered_lines, shader_source
-from gpuspec.light.tiles import ShaderLightMap
+from gpuspec.light.tiles import RayTile, ShaderLightMap, light_words
 from gpuspec.part.grooves import blocks
+from gpuspec.part.marches import march_of
 from gpuspec.part.relief import Relief
 from gpuspec.station.station import Station
 
@@ -257,10 +259,12 @@ class OpenGLBackend(Backend):
         framebuffer.use()
         array.render(self.gl.TRIANGLES, vertices=3)
 
-    def trace(self, station: Station, relief: Relief | None = None) -> OpenGLLightMap:
-        """Trace a station; see :meth:`Backend.trace`."""
+    def traced(
+        self, station: Station, relief: Relief, pixels: Pixels | None = None
+    ) -> OpenGLLightMap:
+        """See :meth:`Backend.traced`."""
         with self.failures():
-            return OpenGLLightMap(self, station, relief or Relief.of(station))
+            return OpenGLLightMap(self, station, relief, pixels)
 
     @contextmanager
     def _current(self) -> Iterator[None]:
@@ -296,15 +300,6 @@ def _chosen(wanted: str | None) -> int:
     return chosen("opengl", names, wanted)
 
 
-@dataclass(frozen=True)
-class _Tile:
-    """Some rows of the light map, on the device."""
-
-    first_row: int
-    rows: int
-    rays: Any
-
-
 _SHADERS = {
     "image": ("sequence.frag", "IMAGE"),
     "mean": ("sequence.frag", "MEAN"),
@@ -315,38 +310,49 @@ _SHADERS = {
 }
 
 
-class OpenGLLightMap(ShaderLightMap[_Tile]):
+class OpenGLLightMap(ShaderLightMap):
     """A light map in float textures; rows wider than a texture wrap (`shaders/texels.glsl`)."""
 
-    def __init__(self, backend: OpenGLBackend, station: Station, relief: Relief) -> None:
+    def __init__(
+        self,
+        backend: OpenGLBackend,
+        station: Station,
+        relief: Relief,
+        pixels: Pixels | None = None,
+    ) -> None:
+        super().__init__(station, pixels)
         self._backend = backend
-        columns = station.shape[1]
+        columns = self.grid[1]
         self._wraps = -(-columns // backend.texture_columns)
         self._width = -(-columns // self._wraps)
-        self._sub_rays = station.camera.subsampling**2
-        first, pieces = blocks(relief.grooves, station)
+        self._sub_rays = station.camera.sub_rays
+        first, pieces = blocks(relief.grooves, station, relief.edges)
         records = map_records(relief.maps, station)
         self._map_count = len(records)
-        self._geometry = geometry_block(station)
+        march = march_of(station, relief)
+        self._geometry = geometry_block(station, march)
         self._tracer = (
-            f"LIST_WIDTH {LIST_WIDTH}",
             *("GROOVES",) * (len(pieces) > 0),
             *("MAPS",) * (len(records) > 0),
-            *("NEWTON_STEPS 0",) * (station.part.surface == "orientation"),
+            *("NEWTON_STEPS 0", "POSED_STEPS 0") * (station.part.surface == "orientation"),
+            *("POSED",) * (station.posed or march is not None),
         )
         self._lists = {
-            "grooves": backend.listed(groove_records(relief.grooves, station).reshape(-1, 4)),
+            "grooves": backend.listed(piece_records(relief, station).reshape(-1, 4)),
             "block_first": backend.listed(first),
             "pieces": backend.listed(pieces),
             "maps": backend.listed(records.reshape(-1, 4)),
             "coefficients": backend.listed(coefficients(relief.maps)),
         }
+        self._listed = {}
+        if pixels is not None:
+            numbers = self.listed().ravel()
+            known = np.where(numbers == NO_PIXEL, 0, numbers).astype(np.int32)
+            self._listed = {"pixels": backend.listed(known)}
         per_row = self._width * self._wraps * (16 * self._sub_rays + 1 + 4 * len(FUSIONS))
         budget = min(backend.memory_bytes, _TILE_BYTES_MAX)
-        super().__init__(
-            station,
-            min(budget // per_row, backend.texture_size // (self._wraps * self._sub_rays)),
-        )
+        longest = backend.texture_size // (self._wraps * self._sub_rays)
+        self.begin(min(budget // per_row, longest))
 
     def release(self) -> None:
         """See :meth:`LightMap.release`."""
@@ -361,44 +367,31 @@ class OpenGLLightMap(ShaderLightMap[_Tile]):
         """See :meth:`OpenGLBackend.failures`."""
         return self._backend.failures()
 
-    def trace_tile(self, first_row: int, rows: int) -> _Tile:
+    def trace_tile(self, first_row: int, rows: int) -> RayTile:
         """See :meth:`TiledLightMap.trace_tile`."""
         b = self._backend
         b.context.gc()
-        tile = _Tile(first_row, rows, b.target(self._size(rows, self._sub_rays), 4))
+        tile = RayTile(first_row, rows, b.target(self._size(rows, self._sub_rays), 4))
         across = ("ACROSS",) * (self.pattern is not None)
         program = b.program("trace.frag", *self._defines(), *self._tracer, *across)
         b.draw(
-            program, [tile.rays], self._geometry, self._lists,
+            program, [tile.rays], self._geometry, self._lists | self._listed,
             **self._place(tile), width=self._width, map_count=self._map_count,
         )  # fmt: skip
         return tile
 
-    def read_tile(
-        self,
-        tile: _Tile,
-        maps: tuple[NDArray[np.float32], ...] | None,
-        lost: NDArray[np.uint8],
-    ) -> None:
-        """See :meth:`TiledLightMap.read_tile`."""
-        b = self._backend
-        reason = b.target(self._size(tile.rows), 1, "f1")
-        self.draw(tile, "lost", self.station, 0, [reason])
-        self._copy_home(lost, reason)
-        if maps is not None:
-            home = np.empty((self._sub_rays, *lost.shape, 4), np.float32)
-            self._copy_home(home, tile.rays)
-            for number, out in enumerate(maps):
-                out[...] = home[..., number]
+    def read_rays(self, tile: RayTile, out: NDArray[np.float32]) -> None:
+        """See :meth:`ShaderLightMap.read_rays`."""
+        self._copy_home(out, tile.rays)
 
-    def run_tile(self, tile: _Tile, what: str, station: Station, k: int, out: Image) -> None:
+    def run_tile(self, tile: RayTile, what: str, station: Station, k: int, out: Image) -> None:
         """See :meth:`TiledLightMap.run_tile`."""
         grey = [self._backend.target(self._size(tile.rows), 1) for _ in out]
         self.draw(tile, what, station, k, grey)
         for plane, texture in zip(out, grey, strict=True):
             self._copy_home(plane, texture)
 
-    def draw(self, tile: _Tile, what: str, station: Station, k: int, targets: list[Any]) -> None:
+    def draw(self, tile: RayTile, what: str, station: Station, k: int, targets: list[Any]) -> None:
         """Start a shader on a tile; its planes go to the targets.
 
         Parameters
@@ -416,7 +409,8 @@ class OpenGLLightMap(ShaderLightMap[_Tile]):
             block = np.concatenate([block, self._geometry])
         program = self._program(what, station)
         place = self._place(tile)
-        self._backend.draw(program, targets, block, {"rays": tile.rays}, **place, k=k)
+        textures = {"rays": tile.rays} | self._listed
+        self._backend.draw(program, targets, block, textures, **place, k=k)
 
     def build(self, what: str) -> None:
         """See :meth:`ShaderLightMap.build`."""
@@ -425,16 +419,21 @@ class OpenGLLightMap(ShaderLightMap[_Tile]):
 
     def _program(self, what: str, station: Station) -> tuple[Any, Any]:
         noise = ("NOISE",) * station.sensor.noise
-        light = self.pattern.defines if self.pattern else ()
+        light = light_words(self.pattern, what, station)
         defines = (*_SHADERS[what][1:], *self._defines(), *noise, *light)
         return self._backend.program(_SHADERS[what][0], *defines, pattern=self.pattern)
 
     def _defines(self) -> tuple[str, ...]:
         """What the compiler must know to leave loops and divisions out."""
-        return (f"WRAPS {self._wraps}", *("ONE_RAY",) * (self._sub_rays == 1))
+        listed = ("LISTED",) * (self.pixels is not None)
+        one = ("ONE_RAY",) * (self._sub_rays == 1)
+        return f"WRAPS {self._wraps}", f"LIST_WIDTH {LIST_WIDTH}", *one, *listed
 
-    def _place(self, tile: _Tile) -> dict[str, int]:
-        return {"first_row": tile.first_row, "rows": tile.rows, "sub_rays": self._sub_rays}
+    def _place(self, tile: RayTile) -> dict[str, int]:
+        return {
+            "first_row": tile.first_row, "rows": tile.rows, "sub_rays": self._sub_rays,
+            "line_length": self.grid[1], "image_columns": self.station.shape[1],
+        }  # fmt: skip
 
     def _size(self, rows: int, planes: int = 1) -> tuple[int, int]:
         """Width and height of a texture of so many planes of rows."""
@@ -442,7 +441,7 @@ class OpenGLLightMap(ShaderLightMap[_Tile]):
 
     def _copy_home(self, out: NDArray[Any], texture: Any) -> None:
         """Copy a texture's planes to out (..., rows, N), of four components (..., rows, N, 4)."""
-        columns = self.station.shape[1]
+        columns = self.grid[1]
         across = -1 if texture.components == 1 else -2
         if out.flags.c_contiguous and self._width * self._wraps == columns:
             texture.read_into(out, alignment=1)

@@ -98,6 +98,7 @@ class Pattern:
         Parameters
         ----------
         text : str
+            GLSL.
         file : str
             Its name in messages.
 

@@ -200,5 +200,5 @@ def _file(backend: Backend) -> Path | None:
     above = folder()
     if above is None:
         return None
-    key = "\n".join([__version__, digest(), str(backend.info)])
+    key = "\n".join([__version__, digest(), str(backend.info), repr(backend.candidates())])
     return above / "devices" / f"{hashlib.sha256(key.encode()).hexdigest()[:20]}.json"

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import ndimage
 
-from gpuspec.light.constants import SECTIONS
+from gpuspec.light.constants import HARMONICS, SECTIONS
+from gpuspec.light.diffuse import diffuse_share
+from gpuspec.light.profiles import harmonics
 from gpuspec.light.sources import structs
+from gpuspec.part.edges import Edges
 from gpuspec.part.grooves import Grooves, averaged
 from gpuspec.part.maps import TopographyMap
+from gpuspec.part.marches import MARCH_STEPS, March
+from gpuspec.part.pose import Frames
+from gpuspec.part.relief import Relief
 from gpuspec.part.view import pixel_position
-from gpuspec.station.materials import MATERIALS
+from gpuspec.shapes import Sphere
+from gpuspec.station.materials import optical_constants
+from gpuspec.station.sections import Tunnel
 from gpuspec.station.station import Station
 
 _END = 16  # points after which the spline forgets what follows: 0.27^16 = 7e-10
@@ -37,35 +46,47 @@ def packed(struct: str, **members: ArrayLike) -> NDArray[np.float32]:
     TypeError
         If a member is missing, or none of the struct's.
     """
-    names = structs()[struct]
-    nothing = 0 * np.asarray(next(iter(members.values())))
-    unused = {name: nothing for name in names if name.startswith("unused")}
-    given = members | unused
-    if given.keys() != set(names):
+    names, needed = _members(struct)
+    if members.keys() != needed:
         raise TypeError(f"{struct}: its members are {names}, not {tuple(members)}")
-    values = np.array([given[name] for name in names], np.float32)
+    first = next(iter(members.values()))
+    nothing = np.zeros_like(first) if isinstance(first, np.ndarray) else 0.0
+    values = np.array([members.get(name, nothing) for name in names], np.float32)
     return np.ascontiguousarray(values.T)
 
 
-def geometry_block(station: Station) -> NDArray[np.float32]:
+@cache
+def _members(struct: str) -> tuple[tuple[str, ...], frozenset[str]]:
+    """Return all members of a struct in order, and those that need a value."""
+    names = structs()[struct]
+    return names, frozenset(name for name in names if not name.startswith("unused"))
+
+
+def geometry_block(station: Station, march: March | None = None) -> NDArray[np.float32]:
     """Return the struct ``Geometry``: everything a light map depends on but the relief.
+
+    Parameters
+    ----------
+    station : Station
+    march : March, optional
+        How rays are followed over the part; None: none meets it twice.
 
     Returns
     -------
-    ndarray of float32, shape (24,)
+    ndarray of float32, shape (56,)
         Lengths in mm.
     """
     part, tunnel, camera = station.part, station.tunnel, station.camera
     rows, columns = station.shape
-    # A device knows the crown, by its curvatures at the top.
+    # A device knows crown and sphere, by their curvatures at the top.
     curve_xx, _, curve_yy = part.shape.curvature(0.0, 0.0)
-    refractive_index, extinction = MATERIALS[part.material]
+    refractive_index, extinction = optical_constants(part.material, tunnel.wavelength_nm)
     return packed(
         "Geometry",
         camera_height=camera.height_mm,
         pupil=camera.pupil_mm,
         sampling=camera.sampling_mm,
-        subsampling=camera.subsampling,
+        subsampling=camera.side,
         columns=columns,
         rows=rows,
         rises=part.surface == "height",
@@ -83,7 +104,32 @@ def geometry_block(station: Station) -> NDArray[np.float32]:
         roughness=part.roughness_rad,
         refractive_index=refractive_index,
         extinction=extinction,
+        spherical=isinstance(part.shape, Sphere),
+        focus=(camera.focus_mm or 0) if camera.pupil_mm else 0,
+        blur=camera.blur_mm,
+        spot=camera.spot_side_mm,
+        widening=camera.spread[0],
+        warp=camera.spread[1],
+        lean=camera.lean,
+        march_steps=MARCH_STEPS if march else 0,
+        march_slack=march.slack_mm if march else 0,
+        highest=march.highest_mm if march else 0,
+        **_frames(station),
     )
+
+
+def _frames(station: Station) -> dict[str, float]:
+    """Return the members of ``Geometry`` that are the poses of camera and part."""
+    frames = Frames.of(station)
+    members: dict[str, float] = {}
+    view = frames.view - np.diag([1.0, 1.0, 0.0])  # what is small of a small pose
+    for name, axes, middle in (
+        ("view", view, frames.middle), ("pose", frames.turn, frames.origin)
+    ):  # fmt: skip
+        for row, place, axis in zip(axes, middle, "xyz", strict=True):
+            members |= {f"{name}_{axis}{of}": value for of, value in zip("xyz", row, strict=True)}
+            members[f"{name}_{axis}"] = place
+    return members
 
 
 def differential_pairs(station: Station) -> int:
@@ -98,11 +144,11 @@ def differential_pairs(station: Station) -> int:
 
 
 def design_block(station: Station) -> NDArray[np.float32]:
-    """Return the struct ``Design``: stripes, sequence and sensor, which never retrace a light map.
+    """Return the struct ``Design``: light, sequence and sensor, which never retrace a light map.
 
     Returns
     -------
-    ndarray of float32, shape (20,)
+    ndarray of float32, shape (56,)
         Lengths in mm, signals in electrons and DN.
     """
     tunnel, sensor, sequence = station.tunnel, station.sensor, station.sequence
@@ -111,6 +157,7 @@ def design_block(station: Station) -> NDArray[np.float32]:
         luminous_share=tunnel.luminous_mm / tunnel.period_mm,
         periods_per_mm=1 / tunnel.period_mm,
         dark_leak=tunnel.dark_leak,
+        diffuse=diffuse_share(station),
         images=sequence.images,
         step=station.step_mm / tunnel.period_mm,
         distinct_shifts=station.distinct_shifts or 0,
@@ -127,7 +174,22 @@ def design_block(station: Station) -> NDArray[np.float32]:
         noise=sensor.noise,
         seed_low=sensor.seed & 0xFFFF,
         seed_high=sensor.seed >> 16,
+        **_profile(tunnel),
     )
+
+
+def _profile(tunnel: Tunnel) -> dict[str, float]:
+    """Return the members of ``Design`` that tell the profile of a light that is no stripes."""
+    found = np.zeros(HARMONICS + 1, complex)
+    count = 0
+    if not tunnel.is_striped:
+        own = harmonics(tunnel)
+        found[: len(own)] = own
+        count = len(own) - 1
+    members = {"harmonics": float(count), "mean_luminance": float(found[0].real)}
+    for order, amplitude in enumerate(found[1:], 1):
+        members |= {f"cosine_{order}": amplitude.real, f"sine_{order}": amplitude.imag}
+    return members
 
 
 def map_records(maps: tuple[TopographyMap, ...], station: Station) -> NDArray[np.float32]:
@@ -176,7 +238,11 @@ def coefficients(maps: tuple[TopographyMap, ...]) -> NDArray[np.float32]:
     -------
     ndarray of float32, shape (sum of (ny + 2) (nx + 2),)
     """
-    parts = [np.zeros(0, np.float32)]
+    if not maps:
+        return np.zeros(0, np.float32)
+    from scipy import ndimage  # slow to import
+
+    parts = []
     for m in maps:
         extended = np.pad(m.heights_mm, _END, mode="reflect", reflect_type="odd")
         spline = ndimage.spline_filter(extended, order=3, mode="mirror")
@@ -219,4 +285,64 @@ def groove_records(grooves: Grooves, station: Station) -> NDArray[np.float32]:
         height=grooves.depth,
         inverse_variance=1 / grooves.sigma**2,
         defect=grooves.owner,
+        outline=np.zeros(len(grooves)),
+    )
+
+
+def piece_records(relief: Relief, station: Station) -> NDArray[np.float32]:
+    """Return the structs ``Groove`` of all that blocks list: grooves, then edge defects.
+
+    Parameters
+    ----------
+    relief : Relief
+        Of S pieces of grooves and E edge defects.
+    station : Station
+        That it is of.
+
+    Returns
+    -------
+    ndarray of float32, shape (S + E, 12)
+    """
+    return np.concatenate(
+        [
+            groove_records(relief.grooves, station),
+            edge_records(relief.edges, station, len(relief.defects)),
+        ]
+    )
+
+
+def edge_records(edges: Edges, station: Station, first: int = 0) -> NDArray[np.float32]:
+    """Return the structs ``Groove`` of `kernels/station.h` that are edge defects.
+
+    Parameters
+    ----------
+    edges : Edges
+        E of them.
+    station : Station
+        Its sampling and image shape are used.
+    first : int
+        Number of the first: those of the grooves' defects are below it.
+
+    Returns
+    -------
+    ndarray of float32, shape (E, 12)
+    """
+    start = pixel_position(edges.middle, station)
+    whole = np.floor(start)
+    fraction = start - whole
+    inverse = 1 / np.hypot(*edges.along.T)
+    return packed(
+        "Groove",
+        column=whole[:, 0],
+        row=whole[:, 1],
+        column_fraction=fraction[:, 0],
+        row_fraction=fraction[:, 1],
+        along_x=edges.along[:, 0],
+        along_y=edges.along[:, 1],
+        inverse_square=inverse**2,
+        inverse_length=inverse,
+        height=np.zeros(len(edges)),
+        inverse_variance=1 / edges.depth**2,
+        defect=first + np.arange(len(edges)),
+        outline=edges.signs,
     )

@@ -71,32 +71,14 @@ def shader_source(
     name: str,
     version: int,
     words: tuple[str, ...] = (),
-    lines: bool = True,
     pattern: tuple[str, str] | None = None,
 ) -> tuple[str, tuple[str, ...]]:
-    """Return a GLSL file of `shaders/`, ready to compile.
+    """Return a GLSL file of `shaders/` by its `name` there, ready to compile.
 
-    Parameters
-    ----------
-    name : str
-        In `shaders/`.
-    version : int
-        Of GLSL.
-    words : tuple of str
-        Words to define, e.g. ``"NOISE"`` or ``"SUB_RAYS 4"``.
-    lines : bool
-        Whether ``#line`` directives keep file and line.
-    pattern : tuple of str, optional
-        File name and text of a user's own, in place of ``#include "pattern.glsl"``.
-
-    Returns
-    -------
-    text : str
-    names : tuple of str
-        Its files by their number.
+    What is returned, and the other parameters as :func:`resolved_shader`.
     """
     text = (folder("shaders") / name).read_text(encoding="utf-8")
-    return resolved_shader(text, f"shaders/{name}", version, words, lines, pattern)
+    return resolved_shader(text, f"shaders/{name}", version, words, pattern)
 
 
 def resolved_shader(
@@ -104,12 +86,11 @@ def resolved_shader(
     name: str,
     version: int,
     words: tuple[str, ...] = (),
-    lines: bool = True,
     pattern: tuple[str, str] | None = None,
 ) -> tuple[str, tuple[str, ...]]:
     """Return GLSL text with every include of `shaders/` and `kernels/` in place, once each.
 
-    The constants that it names are defined.
+    The constants that it names are defined; ``#line`` keeps file and line, the files by number.
 
     Parameters
     ----------
@@ -121,8 +102,6 @@ def resolved_shader(
         Of the language, e.g. 330.
     words : tuple of str
         Words to define, e.g. ``"NOISE"`` or ``"NEWTON_STEPS 0"``.
-    lines : bool
-        Whether ``#line`` directives keep file and line. GLSL numbers its files.
     pattern : tuple of str, optional
         File name and text of a user's own, in place of ``#include "pattern.glsl"``.
 
@@ -133,7 +112,7 @@ def resolved_shader(
         The files by their number; `named_files` puts them into a compiler's messages.
     """
     names: dict[str, int] = {}
-    body = _resolved(text, name, names, "#line {line} {number}" if lines else "", pattern)
+    body = _resolved(text, name, names, "#line {line} {number}", pattern)
     own = "\n".join(_resolved(text, name, {}, ""))  # what a pattern names is its own
     given = [f"#define {word}" for word in ("GPUSPEC_GLSL", *words)]
     head = [f"#version {version}", *given, *defines(own, words)]

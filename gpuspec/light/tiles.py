@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 
 from gpuspec.arrays import Image
 from gpuspec.errors import BackendError, PatternError
-from gpuspec.light.light_map import FUSIONS, LightMap, LightMapArrays
+from gpuspec.light.constants import LINE, LINE_MIN, NO_PIXEL
+from gpuspec.light.levels import Pixels
+from gpuspec.light.light_map import FUSIONS, PLANES, LightMap, LightMapArrays, check_list
 from gpuspec.light.patterns import Pattern
 from gpuspec.light.shader_log import own_lines
 from gpuspec.station.station import Station
@@ -30,18 +32,34 @@ class PlanarTile:
     first_row : int
         From 0, the image's top.
     rows : int
-    light, footprint, irradiance : Buffer
-        Of every sub-ray, in mm, mm and 1.
+    planes : tuple of four Buffers
+        Of every sub-ray: light coordinate, both widths, irradiance, see `kernels/light_map.h`.
     lost : Buffer
         Codes of ``LOST``; with a pattern, the light point's other coordinate of every sub-ray.
     """
 
     first_row: int
     rows: int
-    light: Any
-    footprint: Any
-    irradiance: Any
+    planes: tuple[Any, ...]
     lost: Any
+
+
+@dataclass(frozen=True)
+class RayTile:
+    """Some rows of a light map in one texture or buffer of the device, four floats a sub-ray.
+
+    Attributes
+    ----------
+    first_row : int
+        From 0, the image's top.
+    rows : int
+    rays : Texture or Buffer
+        Of every sub-ray, as `shaders/ray.glsl` reads it.
+    """
+
+    first_row: int
+    rows: int
+    rays: Any
 
 
 class TiledLightMap(LightMap, Generic[Tile]):
@@ -53,14 +71,31 @@ class TiledLightMap(LightMap, Generic[Tile]):
     Parameters
     ----------
     station : Station
-    tile_rows : int
-        Rows that fit into the device's memory. If all do, the light map is traced once and
-        stays; else it is traced anew, tile by tile, for each use.
+    pixels : ndarray of uint32, shape (n,), optional
+        Those of a list; None: all of the image.
     """
 
-    def __init__(self, station: Station, tile_rows: int) -> None:
+    def __init__(self, station: Station, pixels: Pixels | None = None) -> None:
         self.station = station
-        rows = station.shape[0]
+        self.pixels = pixels
+        rows, columns = station.shape
+        if pixels is not None:
+            check_list(pixels, station)
+            # Few lengths of rows: a driver may compile anew for each.
+            columns = min(max(1 << (len(pixels) - 1).bit_length(), LINE_MIN), LINE)
+            rows = -(-max(len(pixels), 1) // columns)
+        self.grid = rows, columns
+
+    def begin(self, tile_rows: int) -> None:
+        """Trace what fits.
+
+        Parameters
+        ----------
+        tile_rows : int
+            Rows that fit into the device's memory. If all do, the light map is traced once and
+            stays; else it is traced anew, tile by tile, for each use.
+        """
+        rows = self.grid[0]
         self._tile_rows = min(max(int(tile_rows), 1), rows)
         self._kept = [self.trace_tile(0, rows)] if self._tile_rows == rows else []
 
@@ -93,7 +128,7 @@ class TiledLightMap(LightMap, Generic[Tile]):
         ----------
         tile : Tile
         maps : tuple of ndarray of float32, each (n * n, rows, N), or None
-            Written: light, footprint and irradiance of every sub-ray; None: they stay.
+            Written: the four planes of every sub-ray; None: they stay.
         lost : ndarray of uint8, shape (rows, N)
             Written.
         """
@@ -106,8 +141,9 @@ class TiledLightMap(LightMap, Generic[Tile]):
         ----------
         tile : Tile
         what : str
-            "image" (number `k`), "mean", "fuse" (a plane each of ``FUSIONS``), "closed_form" or, of
-            a pattern, "faulty" (share of samples that are none).
+            "image" (number `k`), "mean", "fuse" (a plane each of ``FUSIONS``), "closed_form"; of
+            shaders "lost" (why pixels see no light) or, of a pattern, "faulty" (share of samples
+            that are none).
         station : Station
             Of the traced geometry.
         k : int
@@ -119,12 +155,12 @@ class TiledLightMap(LightMap, Generic[Tile]):
     @property
     def tiles(self) -> int:
         """Number of tiles the part is done in."""
-        return -(-self.station.shape[0] // self._tile_rows)
+        return -(-self.grid[0] // self._tile_rows)
 
     def bands(self) -> Iterator[tuple[Tile, slice]]:
         """Yield each tile and its rows."""
         self.held()
-        total = self.station.shape[0]
+        total = self.grid[0]
         if self._kept:
             yield self._kept[0], slice(0, total)
             return
@@ -134,31 +170,47 @@ class TiledLightMap(LightMap, Generic[Tile]):
 
     def _made(self, what: str, station: Station | None, planes: int = 1, k: int = 0) -> list[Image]:
         station = self.lit_by(station)
-        images = np.empty((planes, *self.station.shape), np.float32)
+        images = np.empty((planes, *self.grid), np.float32)
         with self.failures():
             for tile, band in self.bands():
                 self.run_tile(tile, what, station, k, images[:, band])
-        return list(images)
+        return [self._shaped(image) for image in images]
+
+    def listed(self) -> NDArray[np.uint32]:
+        """Return the pixels of a list as they lie on the device, shape `grid`.
+
+        What fills the last row is ``NO_PIXEL``.
+        """
+        assert self.pixels is not None
+        filled = np.full(self.grid, NO_PIXEL, np.uint32)
+        filled.flat[: len(self.pixels)] = self.pixels
+        return filled
+
+    def _shaped(self, plane: NDArray[Any]) -> NDArray[Any]:
+        """Return planes as they lie on the device, (..., *grid), as those of an image or a list."""
+        if self.pixels is None:
+            return plane
+        flat = plane.reshape(*plane.shape[:-2], 1, -1)
+        return flat[..., : len(self.pixels)]
 
     def read(self) -> LightMapArrays:
         """See :meth:`LightMap.read`."""
-        rows, columns = self.station.shape
-        shape = (self.station.camera.subsampling**2, rows, columns)
-        light, footprint, irradiance = (np.empty(shape, np.float32) for _ in range(3))
-        lost = np.empty((rows, columns), np.uint8)
+        shape = (self.station.camera.sub_rays, *self.grid)
+        planes = [np.empty(shape, np.float32) for _ in range(PLANES)]
+        lost = np.empty(self.grid, np.uint8)
         with self.failures():
             for tile, band in self.bands():
-                maps = (light[:, band], footprint[:, band], irradiance[:, band])
-                self.read_tile(tile, maps, lost[band])
-        return LightMapArrays(light, footprint, irradiance, lost)
+                self.read_tile(tile, tuple(plane[:, band] for plane in planes), lost[band])
+        light, wide, narrow, irradiance = (self._shaped(plane) for plane in planes)
+        return LightMapArrays(light, wide, narrow, irradiance, self._shaped(lost))
 
     def lost(self) -> NDArray[np.uint8]:
         """See :meth:`LightMap.lost`."""
-        lost = np.empty(self.station.shape, np.uint8)
+        lost = np.empty(self.grid, np.uint8)
         with self.failures():
             for tile, band in self.bands():
                 self.read_tile(tile, None, lost[band])
-        return lost
+        return self._shaped(lost)
 
     def image(self, k: int, station: Station | None = None) -> Image:
         """See :meth:`LightMap.image`."""
@@ -178,17 +230,61 @@ class TiledLightMap(LightMap, Generic[Tile]):
         return self._made("closed_form", station)[0]
 
 
-class ShaderLightMap(TiledLightMap[Tile]):
+def light_words(pattern: Pattern | None, what: str, station: Station) -> tuple[str, ...]:
+    """Return the words that tell a shader which light there is; none of stripes.
+
+    Parameters
+    ----------
+    pattern : Pattern or None
+        A user's, which takes the place of the station's light.
+    what : str
+        Of :meth:`TiledLightMap.run_tile`.
+    station : Station
+    """
+    if pattern is not None:
+        return pattern.defines
+    made = what in ("image", "mean", "fuse") and not station.tunnel.is_striped
+    return ("PROFILE",) * made
+
+
+class ShaderLightMap(TiledLightMap[RayTile]):
     """A light map whose light can be a user's pattern, for backends that speak GLSL.
 
-    With a pattern, tiles hold the light point's other coordinate in place of the reason of loss.
+    With a pattern, tiles hold one width and the light point's other coordinate in place of two.
     """
+
+    @abstractmethod
+    def read_rays(self, tile: RayTile, out: NDArray[np.float32]) -> None:
+        """Bring the entries of every sub-ray home.
+
+        Parameters
+        ----------
+        tile : RayTile
+        out : ndarray of float32, shape (n * n, rows, N, 4)
+            Written.
+        """
+
+    def read_tile(
+        self,
+        tile: RayTile,
+        maps: tuple[NDArray[np.float32], ...] | None,
+        lost: NDArray[np.uint8],
+    ) -> None:
+        """See :meth:`TiledLightMap.read_tile`."""
+        reason = np.empty((1, *lost.shape), np.float32)
+        self.run_tile(tile, "lost", self.station, 0, reason)
+        lost[...] = reason[0]
+        if maps is not None:
+            home = np.empty((*maps[0].shape, PLANES), np.float32)
+            self.read_rays(tile, home)
+            for number, out in enumerate(maps):
+                np.maximum(home[..., number], -np.inf if number == 0 else 0, out=out)
 
     @abstractmethod
     def build(self, what: str) -> None:
         """Compile the shader that makes `what`."""
 
-    def with_pattern(self, pattern: Pattern) -> ShaderLightMap[Tile]:
+    def with_pattern(self, pattern: Pattern) -> ShaderLightMap:
         """See :meth:`LightMap.with_pattern`."""
         self.held()
         lit = copy(self)
@@ -201,7 +297,7 @@ class ShaderLightMap(TiledLightMap[Tile]):
             raise PatternError(f"{pattern.file} does not compile:\n{said}") from None
         if self.pattern is None and self._kept:
             with self.failures():
-                lit._kept = [lit.trace_tile(0, self.station.shape[0])]
+                lit._kept = [lit.trace_tile(0, self.grid[0])]
         return lit
 
     def faulty(self) -> float:

@@ -20,19 +20,21 @@ from numpy.typing import NDArray
 from gpuspec.arrays import Image
 from gpuspec.errors import BackendError, DeviceError
 from gpuspec.light.backend import Backend, DeviceInfo, chosen, failure
-from gpuspec.light.constants import GROUP
-from gpuspec.light.light_map import FUSIONS
+from gpuspec.light.constants import GROUP, NO_PIXEL
+from gpuspec.light.levels import Pixels
+from gpuspec.light.light_map import FUSIONS, PLANES
 from gpuspec.light.patterns import Pattern
 from gpuspec.light.records import (
     coefficients,
     design_block,
     geometry_block,
-    groove_records,
     map_records,
+    piece_records,
 )
 from gpuspec.light.sources import shader_source
-from gpuspec.light.tiles import PlanarTile, ShaderLightMap
+from gpuspec.light.tiles import RayTile, ShaderLightMap, light_words
 from gpuspec.part.grooves import blocks
+from gpuspec.part.marches import march_of
 from gpuspec.part.relief import Relief
 from gpuspec.station.station import Station
 
@@ -45,9 +47,8 @@ _TILE_BYTES_MAX = 1 << 30
 _GROUPS_MAX = 65535  # workgroups along an axis, in every implementation
 _KINDS = ("DiscreteGPU", "IntegratedGPU", "CPU")
 _GLSL = 450
-_TRACE_BINDINGS = ("uniform",) * 2 + ("read-only-storage",) * 5 + ("storage",) * 4
-_IMAGE_BINDINGS = ("uniform",) * 2 + ("read-only-storage",) * 3 + ("storage",)
-_PATTERN_BINDINGS = (*_IMAGE_BINDINGS, "read-only-storage")
+_TRACE_BINDINGS = ("uniform",) * 2 + ("read-only-storage",) * 5 + ("storage",)
+_IMAGE_BINDINGS = ("uniform",) * 2 + ("read-only-storage", "storage")
 
 
 def adapters() -> list[Any]:
@@ -174,9 +175,8 @@ class VulkanBackend(Backend):
         key = (file, defines, pattern)
         if key not in self._pipelines:
             given = (pattern.file, pattern.text) if pattern else None
-            layout: tuple[str, ...] = _PATTERN_BINDINGS if pattern else _IMAGE_BINDINGS
-            if file == "trace.comp":
-                layout = _TRACE_BINDINGS
+            layout: tuple[str, ...] = _TRACE_BINDINGS if file == "trace.comp" else _IMAGE_BINDINGS
+            layout += ("read-only-storage",) * ("LISTED" in defines)
             source = shader_source(file, _GLSL, defines, pattern=given)
             self._pipelines[key] = self.program(*source, layout)
         return self._pipelines[key]
@@ -288,10 +288,12 @@ class VulkanBackend(Backend):
         staging.unmap()
         self._staging = staging
 
-    def trace(self, station: Station, relief: Relief | None = None) -> VulkanLightMap:
-        """Trace a station; see :meth:`Backend.trace`."""
+    def traced(
+        self, station: Station, relief: Relief, pixels: Pixels | None = None
+    ) -> VulkanLightMap:
+        """See :meth:`Backend.traced`."""
         with self.failures():
-            return VulkanLightMap(self, station, relief or Relief.of(station))
+            return VulkanLightMap(self, station, relief, pixels)
 
     @contextmanager
     def failures(self) -> Iterator[None]:
@@ -337,22 +339,30 @@ _SHADERS = {
     "mean": ("sequence.comp", "MEAN"),
     "fuse": ("sequence.comp", "FUSE"),
     "closed_form": ("aspect.comp",),
+    "lost": ("aspect.comp", "LOST"),
     "faulty": ("sequence.comp", "FAULTY"),
 }
 
 
-class VulkanLightMap(ShaderLightMap[PlanarTile]):
-    """A light map in storage buffers."""
+class VulkanLightMap(ShaderLightMap):
+    """A light map in a storage buffer."""
 
-    def __init__(self, backend: VulkanBackend, station: Station, relief: Relief) -> None:
+    def __init__(
+        self,
+        backend: VulkanBackend,
+        station: Station,
+        relief: Relief,
+        pixels: Pixels | None = None,
+    ) -> None:
+        super().__init__(station, pixels)
         self._backend = backend
-        self._columns = station.shape[1]
-        self._sub_rays = station.camera.subsampling**2
-        first, pieces = blocks(relief.grooves, station)
+        self._columns = self.grid[1]
+        self._sub_rays = station.camera.sub_rays
+        first, pieces = blocks(relief.grooves, station, relief.edges)
         records = map_records(relief.maps, station)
         self._maps = len(records)
         inputs = (
-            groove_records(relief.grooves, station),
+            piece_records(relief, station),
             first,
             pieces,
             records,
@@ -369,16 +379,22 @@ class VulkanLightMap(ShaderLightMap[PlanarTile]):
                 f"--backend numpy."
             )
         self._inputs: tuple[Any, ...] = tuple(backend.constant(values) for values in inputs)
-        self._geometry = backend.constant(geometry_block(station), uniform=True)
+        march = march_of(station, relief)
+        self._geometry = backend.constant(geometry_block(station, march), uniform=True)
         self._tracer = (
-            *(("GROOVES",) if len(relief.grooves) else ()),
+            *(("GROOVES",) if len(pieces) else ()),
             *(("MAPS",) if self._maps else ()),
-            *(() if station.part.surface == "height" else ("NEWTON_STEPS 0",)),
+            *("NEWTON_STEPS 0", "POSED_STEPS 0") * (station.part.surface == "orientation"),
+            *("POSED",) * (station.posed or march is not None),
         )
-        per_row = 4 * self._columns * (3 * self._sub_rays + 1 + 2 * len(FUSIONS))
-        largest_row = 4 * self._columns * max(self._sub_rays, len(FUSIONS))
+        per_row = 4 * self._columns * (PLANES * self._sub_rays + 2 * len(FUSIONS))
+        largest_row = 4 * self._columns * max(PLANES * self._sub_rays, len(FUSIONS))
         budget = min(backend.memory_bytes, _TILE_BYTES_MAX)
-        super().__init__(station, min(budget // per_row, binding // largest_row, _GROUPS_MAX))
+        self._listed: tuple[Any, ...] = ()
+        if pixels is not None:
+            numbers = self.listed()
+            self._listed = (backend.constant(np.where(numbers == NO_PIXEL, 0, numbers)),)
+        self.begin(min(budget // per_row, binding // largest_row, _GROUPS_MAX))
 
     def release(self) -> None:
         """See :meth:`LightMap.release`."""
@@ -389,50 +405,36 @@ class VulkanLightMap(ShaderLightMap[PlanarTile]):
         """See :meth:`VulkanBackend.failures`."""
         return self._backend.failures()
 
-    def trace_tile(self, first_row: int, rows: int) -> PlanarTile:
+    def trace_tile(self, first_row: int, rows: int) -> RayTile:
         """See :meth:`TiledLightMap.trace_tile`."""
         b = self._backend
-        plane = 4 * rows * self._columns
-        light, footprint, irradiance = (b.empty(plane * self._sub_rays) for _ in range(3))
-        lit = self.pattern is not None
-        last = b.empty(plane * self._sub_rays if lit else plane)
-        tile = PlanarTile(first_row, rows, light, footprint, irradiance, last)
+        rays = b.empty(4 * PLANES * rows * self._columns * self._sub_rays)
+        tile = RayTile(first_row, rows, rays)
+        across = ("ACROSS",) * (self.pattern is not None)
         b.enqueue(
-            b.pipeline("trace.comp", *self._tracer, *("ACROSS",) * lit),
-            (
-                self._geometry, self._call(tile, 0), *self._inputs,
-                light, footprint, irradiance, tile.lost,
-            ),
+            b.pipeline("trace.comp", *self._tracer, *across, *self._list),
+            (self._geometry, self._call(tile, 0), *self._inputs, rays, *self._listed),
             self._columns, rows,
         )  # fmt: skip
         return tile
 
-    def read_tile(
-        self,
-        tile: PlanarTile,
-        maps: tuple[NDArray[np.float32], ...] | None,
-        lost: NDArray[np.uint8],
-    ) -> None:
-        """See :meth:`TiledLightMap.read_tile`."""
-        for out, buffer in zip(
-            maps or (), (tile.light, tile.footprint, tile.irradiance), strict=maps is not None
-        ):
-            self._backend.copy_home(out, buffer)
-        self._backend.copy_home(lost, tile.lost)
+    def read_rays(self, tile: RayTile, out: NDArray[np.float32]) -> None:
+        """See :meth:`ShaderLightMap.read_rays`."""
+        self._backend.copy_home(out, tile.rays)
 
-    def run_tile(self, tile: PlanarTile, what: str, station: Station, k: int, out: Image) -> None:
+    def run_tile(self, tile: RayTile, what: str, station: Station, k: int, out: Image) -> None:
         """See :meth:`TiledLightMap.run_tile`."""
         b = self._backend
         grey = b.empty(4 * out.size)
         self.enqueue(tile, what, station, k, grey)
         b.copy_home(out, grey)
 
-    def enqueue(self, tile: PlanarTile, what: str, station: Station, k: int, grey: Any) -> None:
+    def enqueue(self, tile: RayTile, what: str, station: Station, k: int, grey: Any) -> None:
         """Start a shader on a tile; its planes go to the buffer `grey`.
 
         Parameters
         ----------
-        tile : PlanarTile
+        tile : RayTile
         what : str
             See :meth:`TiledLightMap.run_tile`.
         station : Station
@@ -442,13 +444,12 @@ class VulkanLightMap(ShaderLightMap[PlanarTile]):
         """
         b = self._backend
         block = design_block(station)
-        more: tuple[Any, ...] = ()
         if self.pattern:
-            block, more = np.concatenate([block, geometry_block(station)]), (tile.lost,)
+            block = np.concatenate([block, geometry_block(station)])
         design = b.constant(block, uniform=True)
         b.enqueue(
             self._pipeline(what, station),
-            (design, self._call(tile, k), tile.light, tile.footprint, tile.irradiance, grey, *more),
+            (design, self._call(tile, k), tile.rays, grey, *self._listed),
             self._columns, tile.rows,
         )  # fmt: skip
 
@@ -456,13 +457,19 @@ class VulkanLightMap(ShaderLightMap[PlanarTile]):
         """See :meth:`ShaderLightMap.build`."""
         self._pipeline(what, self.station)
 
+    @property
+    def _list(self) -> tuple[str, ...]:
+        return ("LISTED",) * (self.pixels is not None)
+
     def _pipeline(self, what: str, station: Station) -> Any:
-        light = self.pattern.defines if self.pattern else ()
+        light = light_words(self.pattern, what, station)
         one = ("ONE_RAY",) * (self._sub_rays == 1)
-        defines = (*_SHADERS[what][1:], *one, *("NOISE",) * station.sensor.noise, *light)
+        noise = ("NOISE",) * station.sensor.noise
+        defines = (*_SHADERS[what][1:], *one, *noise, *light, *self._list)
         return self._backend.pipeline(_SHADERS[what][0], *defines, pattern=self.pattern)
 
-    def _call(self, tile: PlanarTile, k: int) -> Any:
+    def _call(self, tile: RayTile, k: int) -> Any:
         """What changes from call to call, as the shaders' uniform block."""
         size = [self._columns, tile.rows, tile.first_row, self._sub_rays]
-        return self._backend.constant(np.array([size, [k, self._maps, 0, 0]], np.int32), True)
+        more = [k, self._maps, self.station.shape[1], 0]
+        return self._backend.constant(np.array([size, more], np.int32), True)

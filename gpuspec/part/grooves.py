@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.errors import StationError
-from gpuspec.part.view import pixel_position
+from gpuspec.part.edges import Edges
+from gpuspec.part.shape import shape_of, steepest
+from gpuspec.part.view import magnified, pixel_position, seen_at, widest
 from gpuspec.station.defects import Defect, Patch, Scratch
 from gpuspec.station.station import Station
 from gpuspec.units import MICRO
@@ -87,15 +89,17 @@ def averaged(grooves: Grooves, station: Station) -> Grooves:
     station : Station
         Its sampling and subsampling are used.
     """
-    square = (station.camera.sampling_mm / station.camera.subsampling) ** 2 / 12
+    square = (station.camera.spot_side_mm / station.camera.side) ** 2 / 12
     sigma = np.sqrt(grooves.sigma**2 + square)
     line = (grooves.ends[:, :2] != grooves.ends[:, 2:]).any(axis=1)
     depth = grooves.depth * (grooves.sigma / sigma) ** np.where(line, 1, 2)
     return Grooves(grooves.ends, depth, sigma, grooves.owner)
 
 
-def blocks(grooves: Grooves, station: Station) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """List for each block of the image the grooves that reach it.
+def blocks(
+    grooves: Grooves, station: Station, edges: Edges | None = None
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """List for each block of the image the grooves, and the edge defects, that reach it.
 
     10,000 small defects then cost a pixel no more than the few that are near.
 
@@ -104,13 +108,15 @@ def blocks(grooves: Grooves, station: Station) -> tuple[NDArray[np.int32], NDArr
     grooves : Grooves
     station : Station
         Its image shape, sampling and the part's shape are used.
+    edges : Edges, optional
+        Numbered after the grooves.
 
     Returns
     -------
     first : ndarray of int32, shape (B + 1,)
         Block b lists ``pieces[first[b]:first[b + 1]]``; blocks row by row.
     pieces : ndarray of int32
-        Indices of grooves, ascending within a block.
+        Indices of grooves and edge defects, ascending within a block.
 
     Raises
     ------
@@ -121,17 +127,26 @@ def blocks(grooves: Grooves, station: Station) -> tuple[NDArray[np.int32], NDArr
     wide, high = -(-columns // BLOCK), -(-rows // BLOCK)
     ends = grooves.ends.reshape(-1, 2, 2)
     reach = REACH * averaged(grooves, station).sigma
-    if station.part.surface == "height":
+    if edges is not None:
+        ends = np.concatenate([ends, edges.ends.reshape(-1, 2, 2)])
+        reach = np.concatenate([reach, edges.depth])
+    if station.posed:
+        position, reach = _posed(ends, reach, station)
+    elif station.part.surface == "height":
         # The camera sees a point of height z at x / (1 - z/h); allow for z changing within reach.
-        h, shape = station.camera.height_mm, station.part.shape
+        h, shape = station.camera.height_mm, shape_of(station)
         scale = 1 / (1 - shape.height(ends[..., 0], ends[..., 1]) / h)
         ends = ends * scale[..., None]
-        steep = sum(map(abs, shape.slope(station.part.length_mm / 2, station.part.width_mm / 2)))
+        steep = steepest(shape, station)
         field = np.hypot(station.part.length_mm, station.part.width_mm) / 2 / h
         length = np.hypot(*(ends[:, 1] - ends[:, 0]).T)
         reach = reach * scale.max(axis=1) + field * (steep * (reach + length) + 0.1)
-    position = pixel_position(ends.reshape(-1, 2), station).reshape(-1, 2, 2)
-    reach = reach / station.camera.sampling_mm + 1
+    if not station.posed:
+        position = pixel_position(ends.reshape(-1, 2), station).reshape(-1, 2, 2)
+        reach = reach / station.camera.sampling_mm
+    reach = reach + station.camera.spot_side_mm / station.camera.sampling_mm
+    # What is not before the camera is seen in no block.
+    position = np.where(np.isfinite(position).all(axis=(1, 2), keepdims=True), position, -1e9)
     low = np.floor((position.min(axis=1) - reach[:, None]) / BLOCK).astype(np.int64)
     high_ = np.floor((position.max(axis=1) + reach[:, None]) / BLOCK).astype(np.int64)
     low = np.clip(low, 0, [wide, high])
@@ -142,7 +157,7 @@ def blocks(grooves: Grooves, station: Station) -> tuple[NDArray[np.int32], NDArr
             f"{station.file}: the defects reach {counts.sum():,} image blocks in all, more than "
             f"{_PAIRS_MAX:,}; use fewer or smaller defects, or a larger camera.sampling_mm."
         )
-    piece = np.repeat(np.arange(len(grooves)), counts)
+    piece = np.repeat(np.arange(len(reach)), counts)
     nth = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
     column = low[piece, 0] + nth % np.maximum(spans[piece, 0], 1)
     row = low[piece, 1] + nth // np.maximum(spans[piece, 0], 1)
@@ -154,6 +169,20 @@ def blocks(grooves: Grooves, station: Station) -> tuple[NDArray[np.int32], NDArr
     first = np.zeros(wide * high + 1, np.int32)
     np.cumsum(np.bincount(block, minlength=wide * high), out=first[1:])
     return first, piece[order].astype(np.int32)
+
+
+def _posed(
+    ends: NDArray[np.float64], reach: NDArray[np.float64], station: Station
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return where a posed camera sees pieces, and how far they reach, in pixels.
+
+    What is straight on a curved part is not to the camera, and relief makes parallax.
+    """
+    if station.part.surface == "height":
+        steep = steepest(shape_of(station), station)
+        field = np.tan(widest(station))
+        reach = reach + field * (steep * (reach + np.hypot(*(ends[:, 1] - ends[:, 0]).T)) + 0.1)
+    return seen_at(ends, station), reach * magnified(station) / station.camera.sampling_mm
 
 
 def _distance(points: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-from scipy import ndimage
 
 from gpuspec.errors import TopographyError
 from gpuspec.station.station import Station
@@ -19,56 +20,69 @@ _SPIKES = 5  # points that are named as spikes; more are the surface's own
 _COARSE = 8  # pixels between two points, from which on it is said
 
 
-def check_pitch(station: Station, measured: Measured, says: str) -> None:
+@dataclass(frozen=True)
+class Laid:
+    """A measured map, where a station lays it.
+
+    Attributes
+    ----------
+    measured : Measured
+        Heights and pitch, as its file has them.
+    key : str
+        Of the map in the station, e.g. ``part.relief``.
+    says : str
+        File and key, to begin an error with.
+    corner : tuple of float
+        x and y of its first point on the part, mm.
+    """
+
+    measured: Measured
+    key: str
+    says: str
+    corner: tuple[float, float]
+
+
+def check_pitch(station: Station, laid: Laid) -> None:
     """Refuse a map of which the part sees next to nothing: its unit is another.
 
     Parameters
     ----------
     station : Station
-    measured : Measured
-    says : str
-        File and key, to begin the message with.
+    laid : Laid
 
     Raises
     ------
     TopographyError
         If the part covers fewer than ``SIDE_MIN`` points of the map along a side.
     """
+    measured = laid.measured
     part = station.part.length_mm, station.part.width_mm
     if any(side < SIDE_MIN * p for side, p in zip(part, measured.pitch_mm, strict=True)):
         size, pitch = (
             " x ".join(f"{v:.4g}" for v in pair) for pair in (measured.size_mm, measured.pitch_mm)
         )
         raise TopographyError(
-            f"{says} has a pitch of {pitch} mm and is {size} mm large: the part of {part[0]:.4g} x "
-            f"{part[1]:.4g} mm covers fewer than {SIDE_MIN} of its points; check the unit of the "
-            f"map's pitch (m for mm?), or part.length_mm and part.width_mm."
+            f"{laid.says} has a pitch of {pitch} mm and is {size} mm large: the part of "
+            f"{part[0]:.4g} x {part[1]:.4g} mm covers fewer than {SIDE_MIN} of its points; check "
+            f"the unit of the map's pitch (m for mm?), or part.length_mm and part.width_mm."
         )
 
 
-def check_relief(
-    relief: Heights, measured: Measured, says: str, key: str, corner: tuple[float, float]
-) -> None:
+def check_relief(relief: Heights, laid: Laid) -> None:
     """Refuse relief that is no mirror's, or that single precision cannot hold.
 
     Parameters
     ----------
     relief : ndarray of float64, shape (ny, nx)
         Without its form, mm.
-    measured : Measured
-    says : str
-        File and key, to begin the message with.
-    key : str
-        Of the map in the station, e.g. ``part.relief``.
-    corner : tuple of float
-        x and y of its first point on the part, mm.
+    laid : Laid
 
     Raises
     ------
     TopographyError
         If it is too steep, or too high for its pitch.
     """
-    pitch = measured.pitch_mm
+    pitch = laid.measured.pitch_mm
     slope = _rms_slope(relief, pitch)
     highest = float(np.abs(relief).max())
     if not slope <= _SLOPE_MAX:
@@ -82,15 +96,16 @@ def check_relief(
         way = 'remove more form (form_removed = "curvature")'
     else:
         return
-    raise TopographyError(f"{says} {why}; {_outliers(measured, key, corner) or way}.")
+    raise TopographyError(f"{laid.says} {why}; {_outliers(laid) or way}.")
 
 
-def _outliers(measured: Measured, key: str, corner: tuple[float, float]) -> str | None:
+def _outliers(laid: Laid) -> str | None:
     """Name the points without which a map is a mirror, and how to leave them out; None: none.
 
     They stand out by more than a pitch: steeper than 45 degrees, where no light of a mirror comes
     back to an instrument above it.
     """
+    measured, key = laid.measured, laid.key
     steepest = min(measured.pitch_mm)
     away = standing_out(measured.heights_mm, measured.defined)
     out = away > steepest
@@ -105,27 +120,19 @@ def _outliers(measured: Measured, key: str, corner: tuple[float, float]) -> str 
     limit = float(f"{steepest / MICRO:.3g}")
     return (
         f"{stand} far out of the surroundings{furthest} by {away.max() / MICRO:.4g} um "
-        f"{_place(away, measured, corner)}; {key}.outlier_um = {limit:g} leaves out what stands "
+        f"{_place(away, laid)}; {key}.outlier_um = {limit:g} leaves out what stands "
         f"out by more than a pitch"
     )
 
 
-def without_outliers(
-    measured: Measured, limit_um: float, says: str, key: str, corner: tuple[float, float]
-) -> tuple[Mask, list[str]]:
+def without_outliers(laid: Laid, limit_um: float) -> tuple[Mask, list[str]]:
     """Return the points that are kept, and what is said of the others.
 
     Parameters
     ----------
-    measured : Measured
+    laid : Laid
     limit_um : float
         How far a point may stand out of its surroundings, µm.
-    says : str
-        File and key, to begin the message with.
-    key : str
-        Of the map in the station, e.g. ``part.relief``.
-    corner : tuple of float
-        x and y of its first point on the part, mm.
 
     Returns
     -------
@@ -138,18 +145,19 @@ def without_outliers(
     TopographyError
         If fewer than half of the points are left.
     """
+    measured, key = laid.measured, laid.key
     away = standing_out(measured.heights_mm, measured.defined)
     out = away > limit_um * MICRO
     count = np.count_nonzero(out)
     defined = measured.defined & ~out
     if np.count_nonzero(defined) < 0.5 * defined.size:
         raise TopographyError(
-            f"{says}: outlier_um = {limit_um:g} leaves out {_percent(out.mean())} of its points; "
-            f"give a larger one."
+            f"{laid.says}: outlier_um = {limit_um:g} leaves out {_percent(out.mean())} of its "
+            f"points; give a larger one."
         )
     if not count:
         return defined, []
-    furthest = f"{away.max() / MICRO:.4g} um {_place(away, measured, corner)}"
+    furthest = f"{away.max() / MICRO:.4g} um {_place(away, laid)}"
     beyond = f"more than outlier_um = {limit_um:g} um out of"
     if count == 1:
         told = f"1 of the map's points stands {beyond} its surroundings and was left out: by"
@@ -161,28 +169,25 @@ def without_outliers(
     return defined, [f"{key}: {told} {furthest}."]
 
 
-def remarks(
-    station: Station, measured: Measured, key: str, corner: tuple[float, float]
-) -> list[str]:
+def remarks(station: Station, laid: Laid) -> list[str]:
     """Say what of a map is missing, and what of it the part and the camera do not take.
 
     Parameters
     ----------
     station : Station
-    measured : Measured
-    key : str
-        Of the map in the station, e.g. ``part.relief``.
-    corner : tuple of float
-        x and y of its first point on the part, mm.
+    laid : Laid
 
     Returns
     -------
     list of str
     """
+    measured, key, corner = laid.measured, laid.key, laid.corner
     said = []
     pitch, size = measured.pitch_mm, measured.size_mm
     missing = ~measured.defined
     if missing.any():
+        from scipy import ndimage  # slow to import
+
         holes, _ = ndimage.label(missing)
         ys, xs = ndimage.find_objects(holes)[np.bincount(holes[missing]).argmax() - 1]
         x = corner[0] + (xs.start + xs.stop - 1) / 2 * pitch[0]
@@ -224,9 +229,7 @@ def remarks(
     return said
 
 
-def steepness(
-    relief: Heights, defined: Mask, measured: Measured, key: str, corner: tuple[float, float]
-) -> list[str]:
+def steepness(relief: Heights, defined: Mask, laid: Laid) -> list[str]:
     """Say what is steeper than 45 degrees, which no mirror is: a few points, or much of the map.
 
     Parameters
@@ -235,16 +238,13 @@ def steepness(
         Without its form and before any smoothing, mm.
     defined : ndarray of bool, shape (ny, nx)
         Points that were measured and are kept.
-    measured : Measured
-    key : str
-        Of the map in the station, e.g. ``part.relief``.
-    corner : tuple of float
-        x and y of its first point on the part, mm.
+    laid : Laid
 
     Returns
     -------
     list of str
     """
+    measured, key = laid.measured, laid.key
     along, down = (
         np.abs(np.diff(relief, axis=axis)) / p
         for axis, p in zip((1, 0), measured.pitch_mm, strict=True)
@@ -269,7 +269,7 @@ def steepness(
     furthest = "" if count == 1 else "; the furthest"
     return [
         f"{key}: {stand} out, steeper than 45 degrees to all neighbours{furthest}: by "
-        f"{away.max() / MICRO:.4g} um {_place(away, measured, corner)}. {key}.outlier_um = "
+        f"{away.max() / MICRO:.4g} um {_place(away, laid)}. {key}.outlier_um = "
         f"{min(measured.pitch_mm) / MICRO:.3g} leaves out what stands out by more than a pitch."
     ]
 
@@ -283,12 +283,11 @@ def _percent(share: float) -> str:
     return f"{100 * share:.3g} %"
 
 
-def _place(values: Heights, measured: Measured, corner: tuple[float, float]) -> str:
+def _place(values: Heights, laid: Laid) -> str:
     """Say where the greatest value is: in the file, and on the part."""
     row, column = np.unravel_index(int(values.argmax()), values.shape)
-    x = corner[0] + column * measured.pitch_mm[0]
-    y = corner[1] + row * measured.pitch_mm[1]
+    (x, y), pitch = laid.corner, laid.measured.pitch_mm
     return (
-        f"in line {len(values) - row}, column {column + 1} of the map, at x = {x:.4g} mm, "
-        f"y = {y:.4g} mm"
+        f"in line {len(values) - row}, column {column + 1} of the map, at "
+        f"x = {x + column * pitch[0]:.4g} mm, y = {y + row * pitch[1]:.4g} mm"
     )

@@ -8,21 +8,28 @@ the edge (a mirrored end would flatten it).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
-from scipy.special import ive
 
 from gpuspec.errors import TopographyError
-from gpuspec.part.map_checks import check_pitch, check_relief, remarks, steepness, without_outliers
+from gpuspec.part.map_checks import (
+    Laid,
+    check_pitch,
+    check_relief,
+    remarks,
+    steepness,
+    without_outliers,
+)
 from gpuspec.station.defects import Patch, Topography
+from gpuspec.station.sections import OwnRelief
 from gpuspec.station.station import Station
-from gpuspec.topographies.file import brief, read_topography, silence
+from gpuspec.topographies.file import POINTS_MAX, brief, read_topography, silence
 from gpuspec.topographies.form import Heights, Mask, filled, form
 from gpuspec.units import MICRO
 
@@ -79,6 +86,14 @@ class TopographyMap:
         )
         return NdBSpline((along_y.t, along_x.t), np.ascontiguousarray(along_x.c.T), 3)
 
+    @cached_property
+    def steepest(self) -> float:
+        """At least its steepest slope, from point to point."""
+        across, along = (
+            np.abs(np.diff(self.relief_mm, axis=axis)).max(initial=0) for axis in (0, 1)
+        )
+        return float(math.hypot(along / self.pitch_mm[0], across / self.pitch_mm[1]))
+
     def position(self, x_mm: Heights, y_mm: Heights) -> tuple[Heights, Heights, Mask]:
         """Return row and column in points, and where these are on the map.
 
@@ -111,18 +126,19 @@ def read_maps(station: Station) -> tuple[TopographyMap, ...]:
     Returns
     -------
     tuple of TopographyMap
-        The part's relief first, centred on the part, then the measured defects in their order.
+        The part's relief first, then the measured defects in their order.
 
     Raises
     ------
     TopographyError
         If a file is absent, is no areal topography with a length unit, or holds nothing that can
-        be a specular surface; or if the part is larger than its map.
+        be a specular surface; or if the part is larger than its map, which is neither blended into
+        the part nor repeated.
     """
     maps: list[TopographyMap] = []
     if station.part.relief:
-        maps.append(_laid(station, station.part.relief, "part.relief", (0.0, 0.0), 0.0, 0))
-        _check_cover(station, maps[0])
+        own = station.part.relief
+        maps.append(_laid(station, own, "part.relief", (own.x_mm, own.y_mm), 0.0, 0))
     for number, defect in enumerate(station.defects, 1):
         if isinstance(defect, Patch):
             centre, key = (defect.x_mm, defect.y_mm), f"defects[{number}]"
@@ -179,6 +195,8 @@ def zone_at(m: TopographyMap, x_mm: Heights, y_mm: Heights, reach_mm: float = 0.
     -------
     ndarray of bool, of the shape of `x_mm`
     """
+    from scipy import ndimage  # slow to import
+
     row, column, on = m.position(x_mm, y_mm)
     inside = np.zeros(on.shape, bool)
     if m.zone is not None:
@@ -207,7 +225,8 @@ def _laid(
     heights, pitch = measured.heights_mm, measured.pitch_mm
     ny, nx = heights.shape
     corner = centre[0] - (nx - 1) / 2 * pitch[0], centre[1] - (ny - 1) / 2 * pitch[1]
-    check_pitch(station, measured, says)
+    laid = Laid(measured, key, says, corner)
+    check_pitch(station, laid)
     sigma = topography.smoothing_um * MICRO
     if sigma > min(measured.size_mm) / 4:
         raise TopographyError(
@@ -217,20 +236,26 @@ def _laid(
     defined = measured.defined
     said: list[str] = []
     if topography.outlier_um is not None:
-        defined, said = without_outliers(measured, topography.outlier_um, says, key, corner)
-    said += remarks(station, measured, key, corner)
+        defined, said = without_outliers(laid, topography.outlier_um)
+    said += remarks(station, laid)
     rough = filled(heights, defined) - form(heights, defined, topography.form_removed)
-    window = np.outer(_fading(ny, taper), _fading(nx, taper))
-    said += steepness(rough, defined, measured, key, corner)
+    said += steepness(rough, defined, laid)
+    tapers = (taper, taper)
+    if isinstance(topography, OwnRelief):
+        rough, defined, corner = _covering(station, topography, laid, rough, defined)
+        laid = replace(laid, corner=corner)
+        tapers = _blending(station, topography, laid, rough.shape)
+    ny, nx = rough.shape
+    window = np.outer(_fading(ny, tapers[1]), _fading(nx, tapers[0]))
     relief = _smoothed(rough, sigma**2, pitch) * window
-    check_relief(relief, measured, says, key, corner)
-    zone = _zone(station, topography, key, relief)
-    square = (station.camera.sampling_mm / station.camera.subsampling) ** 2 / 12
+    check_relief(relief, laid)
+    zone = _zone(station, topography, key, relief, heights.shape)
+    square = (station.camera.sampling_mm / station.camera.side) ** 2 / 12
     return TopographyMap(
         _smoothed(rough, sigma**2 + square, pitch) * window,
         relief,
         pitch,
-        corner,
+        laid.corner,
         None if zone is None else zone & defined,
         key,
         tuple(said),
@@ -246,23 +271,82 @@ def _fading(points: int, taper: float) -> Heights:
     return fading
 
 
-def _check_cover(station: Station, relief: TopographyMap) -> None:
-    ny, nx = relief.heights_mm.shape
-    size = nx * relief.pitch_mm[0], ny * relief.pitch_mm[1]
+def _covering(
+    station: Station, own: OwnRelief, laid: Laid, rough: Heights, defined: Mask
+) -> tuple[Heights, Mask, tuple[float, float]]:
+    """Return a map of the part, its points that were measured, and its corner: whole or repeated.
+
+    Raises
+    ------
+    TopographyError
+        If it is smaller than the part and neither blended nor repeated; or if, repeated, it has too
+        many points.
+    """
+    pitch, corner = laid.measured.pitch_mm, laid.corner
     part = station.part.length_mm, station.part.width_mm
-    excess = [p - s for p, s in zip(part, size, strict=True)]
+    size = laid.measured.size_mm
+    # How far the part reaches beyond the map, at its low and at its high end, along x and along y.
+    beyond = [
+        (start - p / 2 + side / 2, side / 2 - (start - p / 2 + s))
+        for start, p, s, side in zip(corner, pitch, size, part, strict=True)
+    ]
     # A tenth of a pitch is left for rounding.
-    if any(e > 0.1 * p for e, p in zip(excess, relief.pitch_mm, strict=True)):
-        over = " and ".join(
-            f"{e:.4g} mm along {axis}" for e, axis in zip(excess, ("x", "y"), strict=True) if e > 0
-        )
-        fit = [np.floor(s * 1e4) / 1e4 for s in size]
-        assert station.part.relief
+    if all(max(ends) <= 0.1 * p for ends, p in zip(beyond, pitch, strict=True)):
+        return rough, defined, corner
+    if own.repeat:
+        more = [
+            tuple(max(math.ceil(end / p), 0) for end in ends)
+            for ends, p in zip(beyond, pitch, strict=True)
+        ]
+        points = math.prod(n + sum(m) for n, m in zip(rough.shape, reversed(more), strict=True))
+        if points > POINTS_MAX:
+            raise TopographyError(
+                f"{laid.says}, repeated over the part, has {points:,} points, more than "
+                f"{POINTS_MAX:,}; make the part smaller or the map coarser."
+            )
+        around = (more[1], more[0])
+        corner = corner[0] - more[0][0] * pitch[0], corner[1] - more[1][0] * pitch[1]
+        return np.pad(rough, around, "symmetric"), np.pad(defined, around, "symmetric"), corner
+    if own.blend_mm:
+        if any(-end >= s for ends, s in zip(beyond, size, strict=True) for end in ends):
+            raise TopographyError(
+                f"{laid.says} lies wholly beside the part of {part[0]:g} x {part[1]:g} mm; check "
+                f"part.relief.x_mm = {own.x_mm:g} and part.relief.y_mm = {own.y_mm:g}."
+            )
+        return rough, defined, corner
+    over = " and ".join(
+        f"{sum(max(end, 0) for end in ends):.4g} mm along {axis}"
+        for ends, axis in zip(beyond, ("x", "y"), strict=True)
+        if max(ends) > 0
+    )
+    fit = [np.floor(s * 1e4) / 1e4 for s in size]
+    raise TopographyError(
+        f"{laid.says} is smaller than the part by {over}; leave part.length_mm and part.width_mm "
+        f"out, and the part takes the map's size, or give it as part.length_mm = {fit[0]:g}, "
+        f"part.width_mm = {fit[1]:g}; part.relief.blend_mm would fade it into the larger part, and "
+        f"part.relief.repeat = true lay it again and again."
+    )
+
+
+def _blending(
+    station: Station, own: OwnRelief, laid: Laid, points: tuple[int, ...]
+) -> tuple[float, float]:
+    """Return the shares of a map's sides, along x and y, over which it fades into the part.
+
+    Raises
+    ------
+    TopographyError
+        If nothing is left of it.
+    """
+    size = [n * p for n, p in zip(points[::-1], laid.measured.pitch_mm, strict=True)]
+    if own.repeat or not own.blend_mm:
+        return 0.0, 0.0
+    if 2 * own.blend_mm > min(size):
         raise TopographyError(
-            f'{station.file}: part.relief.file = "{station.part.relief.file}" is smaller than the '
-            f"part by {over}; leave part.length_mm and part.width_mm out, and the part takes the "
-            f"map's size, or give it as part.length_mm = {fit[0]:g}, part.width_mm = {fit[1]:g}."
+            f"{laid.says} is {size[0]:.4g} x {size[1]:.4g} mm large: part.relief.blend_mm = "
+            f"{own.blend_mm:g} leaves nothing of it; blend over less than half of its side."
         )
+    return own.blend_mm / size[0], own.blend_mm / size[1]
 
 
 def _smoothed(heights: Heights, variance: float, pitch: tuple[float, float]) -> Heights:
@@ -272,6 +356,9 @@ def _smoothed(heights: Heights, variance: float, pitch: tuple[float, float]) -> 
     a sampled Gaussian has next to none: T. Lindeberg, IEEE PAMI 12(3), 1990. A straight line is
     fitted under it, which changes nothing but at the edge, where a tilt stays a tilt.
     """
+    from scipy import ndimage  # slow to import
+    from scipy.special import ive
+
     for axis in (0, 1):
         t = variance / pitch[1 - axis] ** 2
         if t < _VARIANCE_MIN:
@@ -287,8 +374,14 @@ def _smoothed(heights: Heights, variance: float, pitch: tuple[float, float]) -> 
     return heights
 
 
-def _zone(station: Station, topography: Topography, key: str, relief: Heights) -> Mask | None:
-    """Zones from the picture or from the height of the relief."""
+def _zone(
+    station: Station,
+    topography: Topography,
+    key: str,
+    relief: Heights,
+    points: tuple[int, ...],
+) -> Mask | None:
+    """Zones from the picture of `points`, or from the height of the relief."""
     file, height = topography.zone_file, topography.zone_height_um
     says = f'{station.file}: {key}.zone_file = "{file}"'
     if file is None:
@@ -306,10 +399,15 @@ def _zone(station: Station, topography: Topography, key: str, relief: Heights) -
                 f"{says} is not an image that can be read ({brief(error)}); save it as .png or "
                 f".tif."
             ) from None
-    if picture.shape != relief.shape:
+    if picture.shape != points:
         raise TopographyError(
             f"{says} has {' x '.join(map(str, picture.shape))} pixels (rows x columns) and the map "
-            f"{relief.shape[0]} x {relief.shape[1]} points; they must agree."
+            f"{points[0]} x {points[1]} points; they must agree."
+        )
+    if picture.shape != relief.shape:
+        raise TopographyError(
+            f"{says} marks a map that is repeated over the part; mark its pits by "
+            f"{key}.zone_height_um."
         )
     return picture[::-1]
 

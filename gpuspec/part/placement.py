@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, ndtri
 
 from gpuspec.errors import StationError
 from gpuspec.station.defects import (
@@ -35,6 +34,7 @@ _IDLE_ROUNDS = 30
 _TRIALS = 100
 # Equal disks dropped at random on a plane without overlap never cover more (Feder's jamming limit).
 _JAMMING = 0.547
+_PAIRS_ALL = 200_000  # of disks, all looked at in 4 ms; a tree is slow to import
 _FEW = 100  # so few may be large beside the part and cover more
 
 
@@ -99,6 +99,8 @@ def draw(distribution: Distribution, uniform: Array) -> Array:
     low, high = distribution.low, distribution.high
     if distribution.median is None or distribution.spread is None:
         return low + (high - low) * uniform
+    from scipy.special import ndtr, ndtri  # slow to import
+
     spread = np.log(distribution.spread)
     below, above = ndtr(np.log(np.array([low, high]) / distribution.median) / spread)
     z = ndtri(below + (above - below) * uniform)
@@ -272,6 +274,11 @@ class _Chains:
 
     def touching(self, other: _Chains, spacing: float) -> tuple[Owners, Owners]:
         """Owners here and there whose disks touch, or are nearer than the spacing."""
+        if len(self.centre) * len(other.centre) <= _PAIRS_ALL:
+            (x, y), (u, v) = self.centre.T[:, :, None], other.centre.T
+            near = self.radius[:, None] + other.radius + spacing
+            here, there = np.nonzero(np.sqrt((x - u) ** 2 + (y - v) ** 2) < near)
+            return self.owner[here], other.owner[there]
         reach = self.radius.max() + other.radius.max() + spacing
         pairs = self.tree.sparse_distance_matrix(other.tree, reach, output_type="ndarray")
         touch = pairs["v"] < self.radius[pairs["i"]] + other.radius[pairs["j"]] + spacing

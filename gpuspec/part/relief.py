@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gpuspec.part.edges import NO_EDGES, Edges
 from gpuspec.part.grooves import Grooves
 from gpuspec.part.maps import TopographyMap, read_maps
+from gpuspec.part.meshes import mesh_map
 from gpuspec.part.placement import Progress, place
+from gpuspec.part.textures import textures
 from gpuspec.station.defects import Defect
 from gpuspec.station.station import Station
 
@@ -22,22 +25,33 @@ class Relief:
     grooves : Grooves
         Of the dents, bumps and scratches.
     maps : tuple of TopographyMap
-        The part's measured relief, if any, then the measured patches.
+        The part's mesh and measured relief, if any, measured patches, then waves and orange peel.
+    edges : Edges
+        Chips and burrs, which are no relief but go the same way to a device.
     """
 
     defects: tuple[Defect, ...]
     grooves: Grooves
     maps: tuple[TopographyMap, ...]
+    edges: Edges = NO_EDGES
 
     @classmethod
-    def of(cls, station: Station, progress: Progress | None = None) -> Relief:
+    def of(
+        cls,
+        station: Station,
+        progress: Progress | None = None,
+        placed: tuple[Defect, ...] | None = None,
+    ) -> Relief:
         """Place the station's populations and read its topographies.
 
         Parameters
         ----------
         station : Station
+            Of the part.
         progress : callable, optional
             See :func:`gpuspec.part.placement.place`.
+        placed : tuple of Defect, optional
+            What that function gave for a part of the same outline, defects and populations.
 
         Raises
         ------
@@ -53,8 +67,10 @@ class Relief:
         >>> len(relief.defects), len(relief.grooves)
         (36, 47)
         """
-        defects = place(station, progress)
-        return cls(defects, Grooves.of(defects), read_maps(station))
+        defects = place(station, progress) if placed is None else placed
+        mesh = mesh_map(station)
+        maps = (*([mesh] if mesh else []), *read_maps(station), *textures(station))
+        return cls(defects, Grooves.of(defects), maps, Edges.of(station))
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -63,4 +79,5 @@ class Relief:
 
     def __repr__(self) -> str:
         maps = "".join(f", {m!r}" for m in self.maps)
-        return f"Relief({len(self.defects)} defects, {len(self.grooves)} grooves{maps})"
+        edges = f", {self.edges!r}" if len(self.edges) else ""
+        return f"Relief({len(self.defects)} defects, {len(self.grooves)} grooves{maps}{edges})"

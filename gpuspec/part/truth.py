@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from gpuspec.part.grooves import Grooves
 from gpuspec.part.maps import TopographyMap
 from gpuspec.part.relief import Relief
-from gpuspec.part.view import pixel_position, surface_points
+from gpuspec.part.spans import pixels_of, runs_around
+from gpuspec.part.view import pixel_position, seen_at, surface_points
 from gpuspec.shown import array
 from gpuspec.station.defects import Defect, Patch, Scratch
 from gpuspec.station.station import Station
 
 ZONE = 2.0  # sigmas: relief of at least 13.5 % of the depth
 _PAIRS_AT_ONCE = 2_000_000
-_PIECE_PX = 32
 
 
 @dataclass(frozen=True)
@@ -90,18 +88,17 @@ class Truth:
         Truth(36 defects; labels (250, 1000) int32)
         """
         labels = np.zeros(station.shape, np.int32)
-        nearest = np.ones(station.shape, np.float32)
-        for pixel, share, owner in _covered(relief.grooves, station):
-            better = share < nearest.flat[pixel]
-            better |= (share == nearest.flat[pixel]) & (labels.flat[pixel] == 0)
-            nearest.flat[pixel[better]] = share[better]
-            labels.flat[pixel[better]] = owner[better] + 1
+        pixel, owner = _covered(relief.grooves, station)
+        labels.flat[pixel] = owner + 1
         known = [_known(defect) for defect in relief.defects]
-        maps = list(relief.maps)
-        if station.part.relief is not None:
-            known += _mark_pits(maps.pop(0), "pit", station, labels, len(known) + 1, len(known) + 2)
-        patches = (i for i, d in enumerate(relief.defects) if isinstance(d, Patch))
-        for index, patch in zip(patches, maps, strict=True):
+        maps = {m.name: m for m in relief.maps}
+        if "part.relief" in maps:
+            own = maps["part.relief"]
+            known += _mark_pits(own, "pit", station, labels, len(known) + 1, len(known) + 2)
+        for index, defect in enumerate(relief.defects):
+            if not isinstance(defect, Patch):
+                continue
+            patch = maps[f"defects[{index + 1}]"]
             # The patch keeps its number, for the first of its pits; the others come after all.
             pits = _mark_pits(patch, "measured", station, labels, index + 1, len(known) + 1)
             known[index] = pits[0] if pits else known[index]
@@ -109,74 +106,41 @@ class Truth:
         return cls(labels, tuple(known))
 
 
-def _covered(
-    grooves: Grooves, station: Station
-) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int64]]]:
-    """Yield pixels, squared distance over squared zone radius, and owner, some pieces at a time."""
-    if not len(grooves):
-        return
-    rows, columns = station.shape
-    ends, piece = _cut(grooves, station.camera.sampling_mm * _PIECE_PX)
-    sigma, owner = grooves.sigma[piece], grooves.owner[piece]
-    points = ends.reshape(-1, 2)
-    if station.part.surface == "height":
-        height = station.part.shape.height(points[:, 0], points[:, 1])
-        points = points / (1 - height / station.camera.height_mm)[:, None]
-    position = pixel_position(points, station).reshape(-1, 2, 2)
-    reach = ZONE * sigma / station.camera.sampling_mm * _stretch(station) + 2
-    low = np.floor(position.min(axis=1) - reach[:, None]).astype(np.int64)
-    high = np.ceil(position.max(axis=1) + reach[:, None]).astype(np.int64)
-    low = np.clip(low, 0, [columns, rows])
-    spans = np.clip(np.minimum(high, [columns, rows]) - low, 0, None)
-    counts = spans.prod(axis=1)
-    batch = np.cumsum(counts) // _PAIRS_AT_ONCE
-    for part in np.split(np.arange(len(counts)), np.flatnonzero(np.diff(batch)) + 1):
-        count = counts[part]
-        index = np.repeat(part, count)
-        nth = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-        column = low[index, 0] + nth % np.maximum(spans[index, 0], 1)
-        row = low[index, 1] + nth // np.maximum(spans[index, 0], 1)
-        x, y = surface_points(station, column, row)
-        start, course = ends[index, 0], ends[index, 1] - ends[index, 0]
-        away_x, away_y = x - start[:, 0], y - start[:, 1]
-        square = np.maximum((course**2).sum(axis=1), 1e-300)
-        share = np.clip((away_x * course[:, 0] + away_y * course[:, 1]) / square, 0, 1)
-        distance = (away_x - share * course[:, 0]) ** 2 + (away_y - share * course[:, 1]) ** 2
-        relative = distance / (ZONE * sigma[index]) ** 2
-        inside = relative <= 1
-        pixel = (row * columns + column)[inside]
-        relative, owners = relative[inside].astype(np.float32), owner[index][inside]
-        order = np.lexsort((owners, relative, pixel))
-        first = order[np.diff(pixel[order], prepend=-1) > 0]
-        yield pixel[first], relative[first], owners[first]
+def _covered(grooves: Grooves, station: Station) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the pixels of all zones, ascending, and whose they are."""
+    piece, first, count = runs_around(grooves, station, ZONE * grooves.sigma)
+    found = [
+        _nearest(grooves, station, piece[part], first[part], count[part])
+        for part in np.split(
+            np.arange(len(piece)),
+            np.flatnonzero(np.diff(np.cumsum(count) // _PAIRS_AT_ONCE)) + 1,
+        )
+    ]
+    pixel, relative, owner = (np.concatenate(values) for values in zip(*found, strict=True))
+    order = np.lexsort((owner, relative, pixel))
+    best = order[np.diff(pixel[order], prepend=-1) > 0]
+    return pixel[best], owner[best]
 
 
-def _stretch(station: Station) -> float:
-    """Return how much larger than on z = 0 a stretch of the part may look to the camera.
-
-    With z/h the height and s the slope at the edge, at x/h off the axis: x = X (1 - z/h) gives
-    dX/dx = (1 - z/h + s x/h) / (1 - z/h)^2.
-    """
-    if station.part.surface == "orientation":
-        return 1.0
-    part, h = station.part, station.camera.height_mm
-    edge = part.length_mm / 2, part.width_mm / 2
-    lean = sum(
-        float(abs(s)) * side / h for s, side in zip(part.shape.slope(*edge), edge, strict=True)
-    )
-    nearer = 1 - part.height_range_mm[1] / h
-    return (nearer + lean) / nearer**2
-
-
-def _cut(grooves: Grooves, length: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Cut long pieces so that their boxes stay small; return ends (n, 2, 2) and piece (n,)."""
-    course = grooves.ends[:, 2:] - grooves.ends[:, :2]
-    parts = np.maximum(np.ceil(np.hypot(*course.T) / length), 1).astype(np.int64)
-    piece = np.repeat(np.arange(len(grooves)), parts)
-    nth = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
-    start = grooves.ends[piece, :2] + course[piece] * (nth / parts[piece])[:, None]
-    end = grooves.ends[piece, :2] + course[piece] * ((nth + 1) / parts[piece])[:, None]
-    return np.stack([start, end], axis=1), piece
+def _nearest(
+    grooves: Grooves,
+    station: Station,
+    piece: NDArray[np.int64],
+    first: NDArray[np.int64],
+    count: NDArray[np.int64],
+) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int64]]:
+    """Return pixels of runs that are in zones, squared distance over squared radius, and owner."""
+    index, pixel = np.repeat(piece, count), pixels_of(first, count)
+    row, column = np.divmod(pixel, station.shape[1])
+    x, y = surface_points(station, column, row)
+    start, course = grooves.ends[index, :2], grooves.ends[index, 2:] - grooves.ends[index, :2]
+    away_x, away_y = x - start[:, 0], y - start[:, 1]
+    square = np.maximum((course**2).sum(axis=1), 1e-300)
+    share = np.clip((away_x * course[:, 0] + away_y * course[:, 1]) / square, 0, 1)
+    distance = (away_x - share * course[:, 0]) ** 2 + (away_y - share * course[:, 1]) ** 2
+    relative = distance / (ZONE * grooves.sigma[index]) ** 2
+    inside = relative <= 1
+    return pixel[inside], relative[inside].astype(np.float32), grooves.owner[index[inside]]
 
 
 def _known(defect: Defect) -> KnownDefect:
@@ -209,6 +173,8 @@ def _mark_pits(
     """
     if relief.zone is None:
         return []
+    from scipy import ndimage  # slow to import
+
     pits, count = ndimage.label(relief.zone, np.ones((3, 3)))
     if not count:
         return []
@@ -220,15 +186,15 @@ def _mark_pits(
     half = station.camera.sampling_mm / 2
     size = [2 * round(half / pitch) + 1 for pitch in reversed(relief.pitch_mm)]
     pits = np.where(pits > 0, pits, ndimage.maximum_filter(pits, size))
-    window = _window(relief, station)
-    row, column, on = relief.position(*surface_points(station, *_grid(window)))
+    seen = window(relief, station)
+    row, column, on = relief.position(*surface_points(station, *_grid(seen)))
     rows, columns = pits.shape
     i = np.clip(np.rint(column), 0, columns - 1).astype(np.int64)
     j = np.clip(np.rint(row), 0, rows - 1).astype(np.int64)
     number = np.array([0, first, *range(second, second + count - 1)], np.int32)
     found = number[np.where(on, pits[j, i], 0)]
-    free = (found > 0) & (labels[window] == 0)
-    labels[window][free] = found[free]
+    free = (found > 0) & (labels[seen] == 0)
+    labels[seen][free] = found[free]
     return [
         KnownDefect(
             kind,
@@ -242,14 +208,23 @@ def _mark_pits(
     ]
 
 
-def _window(relief: TopographyMap, station: Station) -> tuple[slice, slice]:
-    """Rows and columns that may see a map (with room for a height surface's parallax)."""
+def window(relief: TopographyMap, station: Station) -> tuple[slice, slice]:
+    """Return rows and columns that may see a map, with room for a height surface's parallax.
+
+    Parameters
+    ----------
+    relief : TopographyMap
+    station : Station
+    """
     ny, nx = relief.heights_mm.shape
     corner, pitch = np.array(relief.corner_mm), np.array(relief.pitch_mm)
     ends = np.stack([corner, corner + pitch * (nx - 1, ny - 1)])
     room = 0.1 * np.abs(ends).max() if station.part.surface == "height" else 0.0
     ends += np.array([[-room], [room]])
     (left, bottom), (right, top) = pixel_position(ends, station)
+    if station.posed:
+        corners = seen_at(np.stack(np.meshgrid(*ends.T), axis=-1).reshape(-1, 2), station)
+        (left, top), (right, bottom) = corners.min(axis=0), corners.max(axis=0)
     rows, columns = station.shape
 
     def inside(low: float, high: float, size: int) -> slice:

@@ -7,8 +7,9 @@ mean, zones and blobs by their maximum, so that no defect disappears and memory 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 
@@ -17,18 +18,27 @@ from gpuspec.pictures.aspect import aspect_picture
 from gpuspec.pictures.detection import detection_picture
 from gpuspec.pictures.histogram import histogram_picture
 from gpuspec.pictures.lost import lost_picture
-from gpuspec.pictures.page import png
-from gpuspec.pictures.seen import Inspected
-from gpuspec.pictures.sequence import sequence_animation, sequence_strip
+from gpuspec.pictures.over_threshold import over_threshold_picture
+from gpuspec.pictures.page import drawn, encoded, png
+from gpuspec.pictures.seen import Inspected, Simulated
+from gpuspec.pictures.sequence import (
+    animation_pages,
+    sequence_animation,
+    sequence_strip,
+    write_animation,
+)
 from gpuspec.pictures.station import station_picture
 
 __all__ = [
     "FIGURES",
+    "IMAGE_FIGURES",
     "PICTURES",
     "aspect_picture",
     "detection_picture",
+    "figure_of",
     "histogram_picture",
     "lost_picture",
+    "over_threshold_picture",
     "picture",
     "pictures_of",
     "png",
@@ -38,44 +48,64 @@ __all__ = [
 ]
 
 
-FIGURES: dict[str, Callable[[Inspected], Figure]] = {
-    "station": station_picture,
-    "sequence": sequence_strip,
+IMAGE_FIGURES: dict[str, Callable[[Inspected], Figure]] = {
     "aspect": aspect_picture,
     "detection": detection_picture,
     "histogram": histogram_picture,
+}
+"""What is drawn of any aspect image, simulated or real: name to what draws it."""
+FIGURES: dict[str, Callable[[Simulated], Figure]] = {
+    "station": station_picture,
+    "sequence": sequence_strip,
+    **IMAGE_FIGURES,
+    "over_threshold": over_threshold_picture,
     "lost": lost_picture,
 }
 """What a run draws on a page: name to what draws it."""
 
 
-def _written(draw: Callable[[Inspected], Figure]) -> Callable[[Inspected, Path], None]:
-    def write(result: Inspected, path: Path) -> None:
-        path.write_bytes(png(draw(result)))
-
-    return write
+Write = Callable[[Path], Any]
+"""What is left to do of a drawn picture: little of it is Python's, so that another thread can."""
 
 
-PICTURES: dict[str, Callable[[Inspected, Path], None]] = {
-    **{f"{name}.png": _written(draw) for name, draw in FIGURES.items()},
-    "sequence.gif": sequence_animation,
+def _page(draw: Callable[[Any], Figure]) -> Callable[[Any], Write]:
+    def picture(result: Any) -> Write:
+        page = drawn(draw(result))
+        return lambda path: path.write_bytes(encoded(page))
+
+    return picture
+
+
+def _animation(result: Simulated) -> Write:
+    pages = animation_pages(result)
+    return lambda path: write_animation(pages, path)
+
+
+PICTURES: dict[str, Callable[[Any], Write]] = {
+    **{f"{name}.png": _page(draw) for name, draw in FIGURES.items()},
+    "sequence.gif": _animation,
 }
-"""What a run draws: file name to what writes it."""
+"""What a run draws: file name to what draws it and returns what writes it."""
 
 
-def pictures_of(result: Inspected) -> tuple[str, ...]:
-    """Return which of ``PICTURES`` tell the truth: a station's has stripes, and a pattern none."""
-    return tuple(
-        name for name in PICTURES if name != "station.png" or result.light_map.pattern is None
-    )
+def pictures_of(result: Simulated) -> tuple[str, ...]:
+    """Return which of ``PICTURES`` tell the truth.
+
+    A station's has stripes, and a pattern none; over the threshold something is to be found.
+    """
+    without = {
+        "station.png": result.light_map.pattern is not None,
+        "over_threshold.png": not result.score.zone_px,
+    }
+    return tuple(name for name in PICTURES if not without.get(name))
 
 
-def picture(result: Inspected, name: str) -> Figure:
+def picture(result: Simulated, name: str) -> Figure:
     """Draw one of ``FIGURES`` by its name.
 
     Parameters
     ----------
-    result : Inspected
+    result : Simulated
     name : str
         E.g. ``"histogram"``.
 
@@ -84,7 +114,26 @@ def picture(result: Inspected, name: str) -> Figure:
     StationError
         If there is no picture of that name; with those there are.
     """
-    names = [one for one in FIGURES if f"{one}.png" in pictures_of(result)]
-    if name not in names:
-        raise StationError(f"there is no picture {name!r}; choose one of {', '.join(names)}.")
-    return FIGURES[name](result)
+    there = pictures_of(result)
+    return figure_of(result, name, {n: d for n, d in FIGURES.items() if f"{n}.png" in there})
+
+
+def figure_of(result: Any, name: str, figures: Mapping[str, Callable[[Any], Figure]]) -> Figure:
+    """Draw one of some figures by its name.
+
+    Parameters
+    ----------
+    result : Inspected
+        As the figures take it.
+    name : str
+    figures : mapping of str to callable
+        Name to what draws it.
+
+    Raises
+    ------
+    StationError
+        If there is no picture of that name; with those there are.
+    """
+    if name not in figures:
+        raise StationError(f"there is no picture {name!r}; choose one of {', '.join(figures)}.")
+    return figures[name](result)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from gpuspec.pictures.page import MARGIN, NOTES, WIDTH, Sheet, essentials, fitted
+from gpuspec.pictures.page import MARGIN, NOTES, WIDTH, Sheet, fitted
 from gpuspec.pictures.place import draw_grey, grey_range, millimetres, scale_bar
 from gpuspec.pictures.seen import Inspected
 
@@ -23,8 +23,8 @@ def aspect_picture(result: Inspected) -> Figure:
     sheet = Sheet(WIDTH, 106 + below)
     sheet.notes(result.warnings)
     sheet.heading(
-        f"Aspect image: {station.sequence.fusion} of {station.sequence.images} images",
-        essentials(station, result.light_map.pattern),
+        f"Aspect image: {result.made}",
+        result.about,
         f"flawless level {result.flawless_dn:.1f} DN  ·  threshold {result.threshold:.1f} DN  ·  "
         f"full scale {station.sensor.full_scale_dn} DN  ·  {result.info}",
     )

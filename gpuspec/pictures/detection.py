@@ -27,7 +27,6 @@ from gpuspec.pictures.page import (
     WIDTH,
     YELLOW,
     Sheet,
-    essentials,
     fitted,
     length_text,
 )
@@ -44,11 +43,10 @@ from gpuspec.pictures.place import (
 from gpuspec.station.station import Station
 
 if TYPE_CHECKING:
-    from gpuspec.part.truth import KnownDefect
-    from gpuspec.pictures.seen import Inspected
+    from gpuspec.pictures.seen import Inspected, Known
 
 
-KINDS = {"hit": SKY, "false": YELLOW, "missed": VERMILION}  # by rising priority
+KINDS = {"hit": SKY, "false": YELLOW, "missed": VERMILION, "found": SKY}  # by rising priority
 LETTERS = "abcdef"
 DETAILS = len(LETTERS)
 BOXES_MAX = 400  # of one kind; more would hide the image
@@ -73,9 +71,10 @@ def detection_picture(result: Inspected) -> Figure:
     Figure
         Zones of defects that are hit or missed, and false blobs, filled and in a box; beside them
         up to six details: missed defects first, the largest zone first, then false blobs, the
-        largest first, then hits, the least covered first.
+        largest first, then hits, the least covered first. Where no defects are known, the blobs,
+        the largest first.
     """
-    station, score = result.station, result.score
+    station = result.station
     finds = _finds(result)
     shown = finds[:DETAILS]
     rows, columns = station.shape
@@ -100,22 +99,10 @@ def detection_picture(result: Inspected) -> Figure:
     foot = NOTES * bool(result.warnings)
     sheet = Sheet(WIDTH, max(top + height + 84, bottom + 10) + foot)
     sheet.notes(result.warnings)
-    p2, f1 = ("undefined" if v is None else f"{v:.3f}" for v in (score.p2, score.f1))
-    p1 = words.precision(score.p1, score.hit_px + score.false_px)
-    sheet.heading(
-        f"Detection: {words.P1} {p1}   {words.P2} {p2}   F1 {f1}   ({words.BEST})",
-        essentials(station, result.light_map.pattern),
-    )
-    unseen = f", {score.unseen:,} unseen" if score.unseen else ""
-    missed = score.defects - score.defects_hit
-    counts = {
-        "hit": f"defect hit ({_counted(score.defects_hit, score.defects)})",
-        "missed": f"defect missed ({_counted(missed, score.defects)}{unseen})",
-        "false": f"false blob ({_counted(score.false_blobs, score.blobs)})",
-    }
+    sheet.heading(_title(result), result.about)
     handles: list[Any] = [
         Patch(facecolor=KINDS[kind], edgecolor="#404040", linewidth=0.6, label=label)
-        for kind, label in counts.items()
+        for kind, label in _counts(result).items()
     ]
     if shown:
         label = f"detected, above {result.threshold:.1f} DN, in the details"
@@ -139,9 +126,37 @@ def detection_picture(result: Inspected) -> Figure:
         detail = sheet.axes(x, details_top + 58 + row * (side + caption), side, side)
         _draw_detail(detail, find, result, codes)
         letter = LETTERS[place]
-        detail.set_title(find.caption, fontsize=9, loc="left", pad=6)
+        detail.set_title(find.caption, fontsize=9, loc="left", y=1, pad=6)
         _write_letter(detail, letter, (0.09, 0.91), detail.transAxes)
     return sheet.figure
+
+
+def _title(result: Inspected) -> str:
+    """Return what was found, and how good that is where defects are known."""
+    score = result.score
+    if score is None:
+        found = words.plural(len(result.blobs), "blob")
+        return f"Detection: {found} above {result.threshold:.1f} DN"
+    p2, f1 = ("undefined" if v is None else f"{v:.3f}" for v in (score.p2, score.f1))
+    p1 = words.precision(score.p1, score.hit_px + score.false_px)
+    return f"Detection: {words.P1} {p1}   {words.P2} {p2}   F1 {f1}   ({words.BEST})"
+
+
+def _counts(result: Inspected) -> dict[str, str]:
+    """Return how many finds there are of each kind, in words."""
+    score = result.score
+    if score is None:
+        names, counts = np.unique(result.classes, return_counts=True)
+        classes = ", ".join(f"{n:,} {name}" for name, n in zip(names, counts, strict=True))
+        boxed = f"; {BOXES_MAX} in boxes" if len(result.blobs) > BOXES_MAX else ""
+        return {"found": f"blob ({classes or 'none'}{boxed})"}
+    unseen = f", {score.unseen:,} unseen" if score.unseen else ""
+    missed = score.defects - score.defects_hit
+    return {
+        "hit": f"defect hit ({_counted(score.defects_hit, score.defects)})",
+        "missed": f"defect missed ({_counted(missed, score.defects)}{unseen})",
+        "false": f"false blob ({_counted(score.false_blobs, score.blobs)})",
+    }
 
 
 def _counted(number: int, of: int) -> str:
@@ -159,19 +174,23 @@ def _false_blobs(result: Inspected) -> NDArray[np.bool_]:
 
 def _codes(result: Inspected) -> NDArray[np.uint8]:
     """Return 0, or 1 + the place in `KINDS` of what each pixel belongs to."""
-    hit, false, missed = range(1, 4)
+    hit, false, missed, found = range(1, 5)
+    if result.score is None:
+        return np.where(result.labels, found, 0).astype(np.uint8)
     of_defect = np.array([0, *(hit if n else missed for n in result.score.defect_hit_px)], np.uint8)
     of_blob = np.zeros(int(result.blobs.label.max(initial=0)) + 1, np.uint8)
     of_blob[result.blobs.label[_false_blobs(result)]] = false
-    codes: NDArray[np.uint8] = of_defect[result.truth]
-    if of_blob.any():
-        np.maximum(codes, of_blob[result.labels], out=codes)
+    codes = np.zeros(result.truth.shape, np.uint8)
+    for labels, code in ((result.truth, of_defect), (result.labels, of_blob)):
+        there = np.flatnonzero(labels)
+        codes.flat[there] = np.maximum(codes.flat[there], code[labels.flat[there]])
     return codes
 
 
 def _finds(result: Inspected) -> list[_Find]:
     """Return missed defects, false blobs and hits, in this order, the most telling first."""
-    blobs, score = result.blobs, result.score
+    if result.score is None:
+        return _blob_finds(result, "found", np.arange(len(result.blobs)))
     sampling = result.station.camera.sampling_mm
     zones = measure_blobs(
         result.truth, result.aspect, sampling_mm=sampling, flawless_dn=result.flawless_dn
@@ -179,38 +198,45 @@ def _finds(result: Inspected) -> list[_Find]:
     finds = []
     for zone in zones.rows():
         number = int(zone["label"])
-        hit_px = score.defect_hit_px[number - 1]
+        hit_px = result.score.defect_hit_px[number - 1]
         kind = "hit" if hit_px else "missed"
         urgency = hit_px / zone["area_px"] if hit_px else -zone["area_px"]
         caption = (
             f"{kind}: {_caption(result.defects[number - 1], number)}\npeak {zone['peak_dn']:.0f} DN"
         )
         finds.append(_find(kind, zone, caption, urgency))
-    false = np.flatnonzero(_false_blobs(result))
-    largest = false[np.argsort(-blobs.area_px[false], kind="stable")][:BOXES_MAX]
-    for index in largest:
+    finds += _blob_finds(result, "false", np.flatnonzero(_false_blobs(result)))
+    order = ["missed", "false", "hit"]
+    return sorted(finds, key=lambda find: (order.index(find.kind), find.urgency))
+
+
+def _blob_finds(result: Inspected, kind: str, chosen: NDArray[np.int64]) -> list[_Find]:
+    """Return the largest of some blobs as finds."""
+    blobs, finds = result.blobs, []
+    for index in chosen[np.argsort(-blobs.area_px[chosen], kind="stable")][:BOXES_MAX]:
         box = {
             side: int(getattr(blobs, side)[index]) for side in ("top", "left", "bottom", "right")
         }
+        said = "" if kind == "found" else f"{kind}: "
         caption = (
-            f"false: {result.classes[index]}\nblob {blobs.label[index]}, "
+            f"{said}{result.classes[index]}\nblob {blobs.label[index]}, "
             f"{_two_digits(blobs.area_mm2[index])} mm²\n"
             f"peak {blobs.peak_dn[index]:.0f} DN"
         )
-        finds.append(_find("false", box, caption, -float(blobs.area_px[index])))
-    order = ["missed", "false", "hit"]
-    return sorted(finds, key=lambda find: (order.index(find.kind), find.urgency))
+        finds.append(_find(kind, box, caption, -float(blobs.area_px[index])))
+    return finds
 
 
 def _find(kind: str, box: dict[str, Any], caption: str, urgency: float) -> _Find:
     return _Find(kind, (box["top"], box["bottom"]), (box["left"], box["right"]), caption, urgency)
 
 
-def _caption(defect: KnownDefect, number: int) -> str:
+def _caption(defect: Known, number: int) -> str:
     way = "↑" if defect.kind == "bump" else "↓"
     across = "wide" if defect.length_mm else "⌀"
     size = length_text(float(_two_digits(defect.size_mm)))
-    return f"{defect.kind} {number}\n{across} {size}, {way} {_two_digits(defect.depth_um)} µm"
+    depth = "" if defect.depth_um is None else f", {way} {_two_digits(defect.depth_um)} µm"
+    return f"{defect.kind} {number}\n{across} {size}{depth}"
 
 
 def _two_digits(value: float) -> str:

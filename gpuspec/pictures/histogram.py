@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patches import StepPatch
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from gpuspec.arrays import BESIDE
-from gpuspec.pictures.page import MARGIN, VERMILION, WIDTH, Sheet, essentials
+from gpuspec.pictures.page import MARGIN, VERMILION, WIDTH, Sheet
 from gpuspec.pictures.seen import Inspected
 
 
@@ -34,21 +35,32 @@ def histogram_picture(result: Inspected) -> Figure:
     outside, inside = np.bincount(bin_of.ravel(), minlength=2 * bins + 1)[:-1].reshape(2, bins)
 
     sheet = Sheet(WIDTH, 660)
-    sheet.heading(
-        "Grey levels of the aspect image", essentials(result.station, result.light_map.pattern)
-    )
+    sheet.heading("Grey levels of the aspect image", result.about)
     left = MARGIN + 50  # for counts of ten million
     ax = sheet.axes(left, 108, WIDTH - MARGIN - left, 480)
     edges = np.linspace(low, high, bins + 1)
     score = result.score
-    for counts, colour, name, above in (
-        (outside, "#8C8C8C", "outside the zones", score.false_px),
-        (inside, VERMILION, "inside the zones", score.hit_px),
-    ):
+    shares = [(outside, "#8C8C8C", "inspected", int(result.blobs.area_px.sum()))]
+    if score:
+        shares = [
+            (outside, "#8C8C8C", "outside the zones", score.false_px),
+            (inside, VERMILION, "inside the zones", score.hit_px),
+        ]
+    for counts, colour, name, above in shares:
         label = f"{name}: {counts.sum():,} px, {above:,} detected"
         if counts.any():
-            ax.stairs(counts, edges, baseline=0.5, fill=True, color=colour, alpha=0.35)
-            ax.stairs(counts, edges, baseline=0.5, color=colour, linewidth=1.4, label=label)
+            # Axes.stairs would work out limits, which are set below, in a tenth of all the time.
+            ax.add_artist(
+                StepPatch(
+                    counts, edges, baseline=0.5, fill=True, color=colour, alpha=0.35, linewidth=0
+                )
+            )
+            ax.add_artist(
+                StepPatch(
+                    counts, edges, baseline=0.5, fill=False, color=colour, linewidth=1.4,
+                    label=label,
+                )
+            )  # fmt: skip
         else:
             ax.plot([], [], color=colour, label=label)
     for level, style, name in (

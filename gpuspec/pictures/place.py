@@ -9,7 +9,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import Colormap, ListedColormap
+from matplotlib.colors import to_rgba_array
 from matplotlib.image import AxesImage
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
@@ -89,8 +89,8 @@ def draw_grey(
     """
     factor = reduction(ax, image.shape)
     grey = pooled(image, factor, np.add)
-    if lost is not None:
-        grey = np.ma.masked_array(grey, pooled(lost == BESIDE, factor, np.minimum))
+    if lost is not None and (beside := lost == BESIDE).any():
+        grey = np.ma.masked_array(grey, pooled(beside, factor, np.minimum))
     style = {"interpolation": "nearest"} if factor == 1 else {"interpolation": "bilinear"}
     return place_image(ax, grey, factor, station, cmap=GREY, vmin=low, vmax=high, **style)
 
@@ -109,17 +109,10 @@ def draw_codes(
     colours : sequence of str
     """
     factor = reduction(ax, codes.shape)
-    colourmap: Colormap = ListedColormap(list(colours))
-    place_image(
-        ax,
-        pooled(codes, factor, np.maximum),
-        factor,
-        station,
-        cmap=colourmap,
-        vmin=-0.5,
-        vmax=len(colours) - 0.5,
-        interpolation="nearest",
-    )
+    # As colours already: a colour map goes by way of real numbers, in three times the time.
+    table = np.rint(to_rgba_array(list(colours)) * 255).astype(np.uint8)
+    image = table[pooled(codes, factor, np.maximum)]
+    place_image(ax, image, factor, station, interpolation="nearest")
 
 
 def grey_range(result: Inspected) -> tuple[float, float]:

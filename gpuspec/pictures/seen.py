@@ -1,13 +1,15 @@
-"""What a picture is drawn of: any inspection, simulated or not, that has these."""
+"""What a picture is drawn of: an inspection of any frames, and what only a simulated one has."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.arrays import Image
+from gpuspec.detection.inspection import Inspection
 from gpuspec.detection.measures import Blobs
 from gpuspec.detection.score import Score
 from gpuspec.light.backend import DeviceInfo
@@ -17,8 +19,36 @@ from gpuspec.part.truth import KnownDefect
 from gpuspec.station.station import Station
 
 
+class Known(Protocol):
+    """A known defect, as far as a caption tells it; see :class:`gpuspec.part.truth.KnownDefect`."""
+
+    @property
+    def kind(self) -> str:
+        """What it is."""
+
+    @property
+    def size_mm(self) -> float:
+        """Diameter or width."""
+
+    @property
+    def length_mm(self) -> float:
+        """Length of a scratch, else 0."""
+
+    @property
+    def depth_um(self) -> float | None:
+        """Depth, if it is known."""
+
+
 class Inspected(Protocol):
     """An inspection; attributes as :class:`gpuspec.simulation.result.Result` explains them."""
+
+    @property
+    def made(self) -> str:
+        """How the aspect image was made, in a few words."""
+
+    @property
+    def about(self) -> str:
+        """What matters most of how it was taken, in a line."""
 
     @property
     def station(self) -> Station:
@@ -41,8 +71,12 @@ class Inspected(Protocol):
         """Zones, (M, N): 0 flawless, i the i-th of ``defects``."""
 
     @property
-    def defects(self) -> tuple[KnownDefect, ...]:
+    def defects(self) -> Sequence[Known]:
         """The known defects."""
+
+    @property
+    def inspection(self) -> Inspection:
+        """What was found in the aspect image, and how its threshold came about."""
 
     @property
     def labels(self) -> NDArray[np.int32]:
@@ -65,8 +99,24 @@ class Inspected(Protocol):
         """Median grey level of the part, DN."""
 
     @property
+    def score(self) -> Score | None:
+        """How good that is; None where no defects are known."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What to know before trusting it."""
+
+
+class Simulated(Inspected, Protocol):
+    """An inspection of a station that was simulated."""
+
+    @property
+    def defects(self) -> tuple[KnownDefect, ...]:
+        """The known defects."""
+
+    @property
     def score(self) -> Score:
-        """How good that is."""
+        """How good it is."""
 
     @property
     def light_map(self) -> LightMap:
@@ -75,7 +125,3 @@ class Inspected(Protocol):
     @property
     def relief(self) -> Relief:
         """The part's relief."""
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What to know before trusting the score."""

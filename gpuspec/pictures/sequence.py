@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import BinaryIO
 
@@ -23,19 +24,19 @@ from gpuspec.pictures.page import (
     scale_length,
 )
 from gpuspec.pictures.place import draw_grey, scale_bar
-from gpuspec.pictures.seen import Inspected
+from gpuspec.pictures.seen import Simulated
 from gpuspec.station.station import Station
 
 FRAME_MS = 120
 CAPTION_PX = 190  # of an image of the sequence
 
 
-def sequence_strip(result: Inspected, count: int = 6) -> Figure:
+def sequence_strip(result: Simulated, count: int = 6) -> Figure:
     """Draw images of the sequence, spread evenly over one period, on one grey scale.
 
     Parameters
     ----------
-    result : Inspected
+    result : Simulated
         The inspection.
     count : int
         Number of images at most.
@@ -75,16 +76,30 @@ def sequence_strip(result: Inspected, count: int = 6) -> Figure:
 
 
 def sequence_animation(
-    result: Inspected, path_or_file: str | Path | BinaryIO, frames: int = 20, width: int = 1000
+    result: Simulated, path_or_file: str | Path | BinaryIO, frames: int = 20, width: int = 1000
 ) -> None:
     """Write the sequence over one period as an animated GIF that repeats.
 
     Parameters
     ----------
-    result : Inspected
+    result : Simulated
         The inspection.
     path_or_file : str, Path or binary file
         Where to write.
+    frames : int
+        Number of frames at most.
+    width : int
+        Widest and highest the images may be, px.
+    """
+    write_animation(animation_pages(result, frames, width), path_or_file)
+
+
+def animation_pages(result: Simulated, frames: int = 20, width: int = 1000) -> list[Pillow.Image]:
+    """Return the frames of an animation, as :func:`sequence_animation` writes them.
+
+    Parameters
+    ----------
+    result : Simulated
     frames : int
         Number of frames at most.
     width : int
@@ -127,6 +142,17 @@ def sequence_animation(
         pen.rectangle((left, base - 2, left + round(bar * px_per_mm), base + 1), 0)
         pen.text((left + bar * px_per_mm + 8, base), length_text(bar), 0, font, "lm")
         pages.append(page)
+    return pages
+
+
+def write_animation(pages: Sequence[Pillow.Image], path_or_file: str | Path | BinaryIO) -> None:
+    """Write frames as an animated GIF that repeats.
+
+    Parameters
+    ----------
+    pages : sequence of Image
+    path_or_file : str, Path or binary file
+    """
     pages[0].save(
         path_or_file,
         "GIF",
@@ -137,12 +163,12 @@ def sequence_animation(
     )
 
 
-def write_image(result: Inspected, k: int, path: Path) -> None:
+def write_image(result: Simulated, k: int, path: Path) -> None:
     """Write image k as an 8-bit PNG, full scale white.
 
     Parameters
     ----------
-    result : Inspected
+    result : Simulated
         With its light map.
     k : int
         From 0.

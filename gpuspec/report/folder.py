@@ -6,7 +6,9 @@ import csv
 import json
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -15,9 +17,14 @@ from numpy.typing import NDArray
 
 from gpuspec import words
 from gpuspec.detection.classes import Confusion
+from gpuspec.detection.expected import Expected
 from gpuspec.errors import OutputError
 from gpuspec.files import Outputs, Space, folder_of
-from gpuspec.pictures.seen import Inspected
+from gpuspec.frames.silhouette import Silhouette
+from gpuspec.light.refinement import counted
+from gpuspec.pictures.seen import Inspected, Simulated
+from gpuspec.report.silhouette import FILES as SILHOUETTE
+from gpuspec.report.silhouette import write_silhouette
 from gpuspec.station.station import Station
 from gpuspec.station.toml import copies, keep
 from gpuspec.version import __version__
@@ -25,7 +32,7 @@ from gpuspec.version import __version__
 FILES = (
     "aspect.tif", "frames.tif", "labels.tif", "truth.tif", "lost.tif", "blobs.csv", "defects.csv",
     "score.json", "station.toml", "station.png", "sequence.png", "sequence.gif", "aspect.png",
-    "detection.png", "histogram.png", "lost.png",
+    "detection.png", "histogram.png", "over_threshold.png", "lost.png",
 )  # fmt: skip
 """What `simulate` writes."""
 ARRAYS = ("aspect", "labels", "truth", "lost")
@@ -39,7 +46,7 @@ GLANCE = ("score.json", "detection.png")
 """What `prototype --watch` writes."""
 
 
-class Reported(Inspected, Protocol):
+class Reported(Simulated, Protocol):
     """An inspection with all that is written of it; attributes as in a simulation's result."""
 
     @property
@@ -47,8 +54,16 @@ class Reported(Inspected, Protocol):
         """Known defects against classes found."""
 
     @property
+    def silhouette(self) -> Silhouette | None:
+        """The outline against that of the part without chips and burrs."""
+
+    @property
     def assumptions(self) -> tuple[str, ...]:
         """What is taken as ideal."""
+
+    @property
+    def expected(self) -> Expected | None:
+        """What noise makes of the score over all its draws."""
 
 
 def outputs(
@@ -84,7 +99,7 @@ def outputs(
                 f"{folder} is the folder of {'a sweep' if name == 'sweep.json' else 'a search'}, "
                 f"not of a run; choose another folder with -o."
             )
-    names = (*FILES, PATTERN, *copies(station, "station").values())
+    names = (*FILES, PATTERN, *SILHOUETTE, *copies(station, "station").values())
     read = (*station.inputs, *also_read)
     space = _space(station, frames=frames)
     return Outputs(folder, KIND, names, read, force=force, over=("glance",), space=space)
@@ -166,7 +181,7 @@ def write_glance(result: Reported, folder: Path) -> None:
     from gpuspec.pictures import all as figures
 
     (folder / "score.json").write_text(json.dumps(summary(result), indent=2) + "\n", "utf-8")
-    figures.PICTURES["detection.png"](result, folder / "detection.png")
+    figures.PICTURES["detection.png"](result)(folder / "detection.png")
 
 
 def write_files(
@@ -177,24 +192,46 @@ def write_files(
     pictures: bool,
     progress: Callable[[str], None] | None = None,
 ) -> None:
-    """Write a run's files straight into an existing folder; see :func:`write`.
-
-    Parameters
-    ----------
-    result : Reported
-    folder : Path
-        An existing one.
-    frames : bool
-        Whether every image of the sequence is written, too.
-    pictures : bool
-        Whether pictures are drawn.
-    progress : callable, optional
-        Told in a few words what is being done.
-    """
+    """Write a run's files straight into an existing folder; parameters as :func:`write`."""
     tell = progress or (lambda _: None)
     tell("writing images and tables")
-    for name in ARRAYS:
-        _write_tif(folder / f"{name}.tif", getattr(result, name), result)
+    with beside() as also:
+        for name in ARRAYS:
+            also(write_tif, folder / f"{name}.tif", getattr(result, name), result)
+        _write_tables(result, folder)
+        if result.silhouette is not None:
+            about = f"{result.made}  ·  {result.about}"
+            write_silhouette(result.silhouette, result.station, about, folder, pictures=pictures)
+        if frames:
+            _write_frames(folder / "frames.tif", result, tell)
+        if pictures:
+            from gpuspec.pictures import all as figures
+
+            for name in figures.pictures_of(result):
+                tell(f"drawing {name}")
+                also(figures.PICTURES[name](result), folder / name)
+
+
+@contextmanager
+def beside() -> Iterator[Callable[..., None]]:
+    """Give what has a function called in another thread: for compression, that needs no Python.
+
+    At the end all are waited for; what one raises is raised. What has not begun when the block
+    fails is left out.
+    """
+    called: list[Future[Any]] = []
+    with ThreadPoolExecutor(1, "gpuspec-files") as thread:
+        try:
+            yield lambda *call: called.append(thread.submit(*call))
+            for one in called:
+                one.result()
+        except BaseException:
+            thread.shutdown(cancel_futures=True)
+            raise
+
+
+def _write_tables(result: Reported, folder: Path) -> None:
+    """Write tables and score, and what the run was made from."""
     with (folder / "blobs.csv").open("w", encoding="utf-8", newline="") as file:
         result.blobs.write_csv(file, result.classes.tolist())
     _write_defects(folder / "defects.csv", result)
@@ -203,43 +240,65 @@ def write_files(
     pattern = result.light_map.pattern
     if pattern:
         (folder / PATTERN).write_text(pattern.text, "utf-8")
-    if frames:
-        _write_frames(folder / "frames.tif", result, tell)
-    if pictures:
-        from gpuspec.pictures import all as figures
-
-        for name in figures.pictures_of(result):
-            tell(f"drawing {name}")
-            figures.PICTURES[name](result, folder / name)
 
 
-def provenance(result: Reported) -> dict[str, Any]:
+def provenance(result: Inspected) -> dict[str, Any]:
     """Return what every output records: program, backend, device, driver and version."""
     return {"gpuspec": __version__, **result.info.as_dict()}
 
 
 def summary(result: Reported) -> dict[str, Any]:
-    """Return the content of `score.json`: score, threshold, classes, confusion, provenance."""
-    names, counts = np.unique(result.classes, return_counts=True)
+    """Return the content of `score.json`: score, threshold, classes, confusion, provenance.
+
+    Under `refined` stands how many pixels have sub-rays because one footprint does not tell them,
+    see :func:`gpuspec.light.refinement.counted`; under `expected` what noise makes of the score
+    over all its draws, null without noise, see :class:`gpuspec.detection.expected.Expected`.
+    """
     return {
         **provenance(result),
         "station": result.station.file,
         "pattern": result.light_map.pattern.file if result.light_map.pattern else None,
-        "threshold_dn": result.threshold,
-        "flawless_dn": result.flawless_dn,
+        **threshold_of(result),
+        "refined": counted(result.light_map.refined),
         "score": result.score.as_dict(),
         "score_legend": words.LEGEND,
-        "classes": {str(n): int(c) for n, c in zip(names, counts, strict=True)},
-        "confusion": {
-            row: dict(zip(result.confusion.columns, map(int, line), strict=True))
-            for row, line in zip(result.confusion.rows, result.confusion.counts, strict=True)
-        },
+        "expected": result.expected and result.expected.as_dict(),
+        "silhouette": result.silhouette and result.silhouette.as_dict(),
+        "classes": classes_of(result),
+        "confusion": confusion_of(result.confusion),
         "warnings": list(result.warnings),
         "assumptions": list(result.assumptions),
     }
 
 
-def _tags(result: Reported) -> dict[str, Any]:
+def threshold_of(result: Inspected) -> dict[str, Any]:
+    """Return the threshold and how it came about, as `score.json` tells it."""
+    found = result.inspection
+    return {
+        "threshold_dn": found.threshold,
+        "threshold_rule": found.rule,
+        "threshold_said": found.threshold_said,
+        "ceiling_dn": found.ceiling and found.ceiling.level_dn,
+        "ceiling_noise_dn": found.ceiling and found.ceiling.noise_dn,
+        "flawless_dn": found.flawless_dn,
+    }
+
+
+def classes_of(result: Inspected) -> dict[str, int]:
+    """Return how many blobs there are of each class."""
+    names, counts = np.unique(result.classes, return_counts=True)
+    return {str(n): int(c) for n, c in zip(names, counts, strict=True)}
+
+
+def confusion_of(table: Confusion) -> dict[str, dict[str, int]]:
+    """Return how many defects of each kind were taken for which class."""
+    return {
+        row: dict(zip(table.columns, map(int, line), strict=True))
+        for row, line in zip(table.rows, table.counts, strict=True)
+    }
+
+
+def _tags(result: Inspected) -> dict[str, Any]:
     per_cm = 10 / result.station.camera.sampling_mm
     return {
         "resolution": (per_cm, per_cm),
@@ -252,7 +311,15 @@ def _tags(result: Reported) -> dict[str, Any]:
     }
 
 
-def _write_tif(path: Path, image: NDArray[Any], result: Reported) -> None:
+def write_tif(path: Path, image: NDArray[Any], result: Inspected) -> None:
+    """Write an image as a TIFF that tells its scale and what made it.
+
+    Parameters
+    ----------
+    path : Path
+    image : ndarray, shape (M, N)
+    result : Inspected
+    """
     import tifffile
 
     tifffile.imwrite(path, image, compression=None if image.dtype.kind == "f" else "zlib",

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.arrays import BESIDE, LOST
 from gpuspec.detection.classes import classify, confusion
-from gpuspec.detection.inspection import Inspection, class_rules
+from gpuspec.detection.inspection import Inspection, Rule, class_rules
 from gpuspec.detection.measures import measure_blobs
 from gpuspec.detection.score import score
+from gpuspec.detection.segmentation import Ceiling
 from gpuspec.errors import GpuspecError, OutputError
 from gpuspec.files import changed
 from gpuspec.light.backend import DeviceInfo
 from gpuspec.light.patterns import Pattern
+from gpuspec.light.refinement import SIDES, counted
 from gpuspec.part.relief import Relief
 from gpuspec.part.truth import Truth
 from gpuspec.report.folder import ARRAYS, KIND, PATTERN
@@ -81,17 +83,36 @@ def _result(folder: Path, said: dict[str, Any]) -> Result:
     blobs = measure_blobs(
         labels, aspect, sampling_mm=station.camera.sampling_mm, flawless_dn=flawless
     )
-    found = Inspection(threshold, flawless, labels, blobs, classify(blobs, class_rules(station)))
+    found = Inspection(
+        threshold, flawless, labels, blobs, classify(blobs, class_rules(station)), *_rule(said)
+    )
     scored = score(labels, zones, lost != BESIDE, len(defects))
     if json.loads(json.dumps(scored.as_dict())) != said["score"]:
         raise ValueError("its score is not that of the images beside it")
     table = confusion([defect.kind for defect in defects], zones, labels, found.classes)
     truth = Truth(zones, defects)
-    light_map = ScoredLightMap(station, info, relief, truth, lost, pattern=pattern)
+    refined = {side: int(said["refined"][str(side)]) for side in SIDES}
+    if counted(refined) != said["refined"]:
+        raise ValueError("its numbers of refined pixels do not add up")
+    light_map = ScoredLightMap(
+        station, info, relief, truth, lost, pattern=pattern,
+        refined={side: pixels for side, pixels in refined.items() if pixels},
+    )  # fmt: skip
     return Result(
         station, info, aspect, lost, zones, defects, found, scored, table, light_map, relief,
         tuple(map(str, said["warnings"])),
     )  # fmt: skip
+
+
+def _rule(said: dict[str, Any]) -> tuple[Rule, Ceiling | None, str]:
+    """Return how the threshold came about; of earlier versions' runs from the spread, or stated."""
+    rule = said.get("threshold_rule", "spread")
+    if rule not in get_args(Rule):
+        raise ValueError(f"there is no rule {rule!r} for a threshold")
+    level = said.get("ceiling_dn")
+    ceiling = None if level is None else Ceiling(float(level), float(said["ceiling_noise_dn"]))
+    why = str(said.get("threshold_said", "")).partition("spread: ")[2] if rule == "spread" else ""
+    return rule, ceiling, why
 
 
 def _summary(path: Path) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from typing import Any
 
@@ -10,10 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.arrays import BESIDE, Image
+from gpuspec.detection.expected import Expected, expected_score
 from gpuspec.detection.inspection import Inspection, inspect
 from gpuspec.detection.score import Score, score
+from gpuspec.detection.segmentation import Ceiling
 from gpuspec.light.backend import DeviceInfo
+from gpuspec.light.ceiling import ceiling_of, untold
 from gpuspec.light.devices import open_backend
+from gpuspec.light.float64_noise import Moments
 from gpuspec.light.levels import LevelCounter, Sample, Zones
 from gpuspec.light.light_map import LightMap, LightMapArrays
 from gpuspec.light.patterns import Pattern
@@ -44,6 +48,8 @@ class ScoredLightMap(LightMap):
         As it stands on the device; None: traced when asked for.
     pattern : Pattern, optional
         That lights it in place of the stripes.
+    refined : mapping of int to int, optional
+        What :attr:`refined` is where it was not traced yet.
 
     Examples
     --------
@@ -63,13 +69,20 @@ class ScoredLightMap(LightMap):
         lost: NDArray[np.uint8],
         traced: LightMap | None = None,
         pattern: Pattern | None = None,
+        refined: Mapping[int, int] | None = None,
     ) -> None:
         self.station, self.info, self.pattern = station, info, pattern
         self._relief, self._truth, self._lost, self._traced = relief, truth, lost, traced
+        self._refined = dict(refined or (traced.refined if traced else {}))
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave behind what stands on the device."""
         return self.__dict__ | {"_traced": None}
+
+    @property
+    def refined(self) -> dict[int, int]:
+        """See :attr:`LightMap.refined`; known without a trace."""
+        return self._refined
 
     @property
     def traced(self) -> LightMap:
@@ -117,9 +130,18 @@ class ScoredLightMap(LightMap):
         tell("taking the aspect image")
         aspect = self.aspect(station)
         tell("segmenting and scoring")
-        found = inspect(aspect, on_part, station, self._lost == 0)
+        ceiling, why = self._ceiling(station)
+        found = inspect(aspect, on_part, station, self._lost == 0, ceiling, why)
         zones = self._truth
         return aspect, found, score(found.labels, zones.labels, on_part, len(zones.defects))
+
+    def _ceiling(self, station: Station) -> tuple[Ceiling | None, str]:
+        """Return the ceiling for a threshold that is to be found, and why there is none."""
+        if station.segmentation.threshold != "auto":
+            return None, ""
+        if self.pattern:
+            return None, "a pattern tells no ceiling"
+        return ceiling_of(station), untold(station)
 
     def score(self, station: Station | None = None) -> Score:
         """Score another design of the same geometry, without tracing again.
@@ -135,6 +157,36 @@ class ScoredLightMap(LightMap):
             If its geometry is another.
         """
         return self.inspected(station)[2]
+
+    def expected(self, threshold: float, station: Station | None = None) -> Expected:
+        """Return what noise makes of the score: expectation and spread over all its draws.
+
+        Parameters
+        ----------
+        threshold : float
+            Grey level above which a pixel is detected, DN.
+        station : Station, optional
+            A design of the same geometry; None: the traced one.
+
+        Raises
+        ------
+        StationError
+            If its geometry is another, or its noise has no closed form, see
+            :func:`gpuspec.light.light_map.has_noisy_form`.
+
+        Examples
+        --------
+        >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.4, sensor__noise=True)
+        >>> result = gpuspec.simulate(station, "numpy")
+        >>> result.light_map.expected(result.threshold)
+        Expected(P1 0.243 +- 0.0005, P2 1.000 +- 0.0000; 34.00 +- 0.00 defects hit)
+        """
+        found = self.moments(station)
+        zones, on_part = self._truth, self._lost != BESIDE
+        defects = len(zones.defects)
+        return expected_score(
+            found.mean, found.deviation, zones.labels, on_part, defects, threshold
+        )
 
     def with_pattern(self, pattern: Pattern) -> ScoredLightMap:
         """See :meth:`LightMap.with_pattern`."""
@@ -181,6 +233,14 @@ class ScoredLightMap(LightMap):
     def closed_form(self, station: Station | None = None) -> Image:
         """See :meth:`LightMap.closed_form`."""
         return self.traced.closed_form(station)
+
+    def moments(self, station: Station | None = None) -> Moments:
+        """See :meth:`LightMap.moments`."""
+        return self.traced.moments(station)
+
+    def one_draw(self, station: Station | None = None) -> Image:
+        """See :meth:`LightMap.one_draw`."""
+        return self.traced.one_draw(station)
 
     def counter(self, zones: Zones, sample: Sample | None = None) -> LevelCounter:
         """See :meth:`LightMap.counter`."""

@@ -12,16 +12,21 @@ from numpy.typing import NDArray
 
 from gpuspec.arrays import BESIDE, Image
 from gpuspec.detection.classes import Confusion
+from gpuspec.detection.expected import Expected
 from gpuspec.detection.inspection import Inspection
 from gpuspec.detection.measures import Blobs
 from gpuspec.detection.score import Score
+from gpuspec.frames.silhouette import Silhouette, silhouette_of
 from gpuspec.light.backend import DeviceInfo
+from gpuspec.light.light_map import has_noisy_form
+from gpuspec.light.refinement import counted
 from gpuspec.part.relief import Relief
 from gpuspec.part.truth import KnownDefect
 from gpuspec.shown import array, html_page, object_of
 from gpuspec.simulation.cautions.station import assumptions
 from gpuspec.simulation.light_map import Progress, ScoredLightMap
 from gpuspec.station.station import Station
+from gpuspec.words import plural
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -60,7 +65,7 @@ class Result:
     --------
     >>> result = gpuspec.simulate(gpuspec.example("trim").replace(camera__sampling_mm=0.2))
     >>> round(result.score.p1, 2), round(result.score.p2, 2), result.score.defects_hit
-    (0.4, 0.93, 36)
+    (0.36, 1.0, 36)
     >>> result.confusion
     Confusion(dent: 17 dent or bump; scratch: 11 scratch; bump: 8 dent or bump)
     >>> sorted(set(result.classes.tolist()))
@@ -92,11 +97,26 @@ class Result:
             "lost": array(self.lost, "why a pixel sees no light"),
             "light_map": "image(k), fuse(), score(station) of another design",
         }
+        if self.station.camera.subsampling == "auto":
+            pixels, rays = self.refined["pixels"], self.refined["sub_rays"]
+            parts["refined"] = f"{plural(pixels, 'pixel')} of {plural(rays, 'sub-ray')}"
         if self.warnings:
             parts["warnings"] = f"{len(self.warnings)}, the first: {self.warnings[0]}"
         return object_of(
             "Result", f"{self.station.file}: {columns} x {rows} pixels, {self.info}", parts
         )
+
+    @property
+    def made(self) -> str:
+        """How the aspect image was made, in a few words."""
+        return f"{self.station.sequence.fusion} of {self.station.sequence.images} images"
+
+    @property
+    def about(self) -> str:
+        """What matters most of the station, in a line."""
+        from gpuspec.pictures.page import essentials
+
+        return essentials(self.station, self.light_map.pattern)
 
     @property
     def labels(self) -> NDArray[np.int32]:
@@ -122,6 +142,38 @@ class Result:
     def flawless_dn(self) -> float:
         """Median grey level of the part, DN."""
         return self.inspection.flawless_dn
+
+    @property
+    def refined(self) -> dict[str, int]:
+        """How many pixels have sub-rays since one footprint does not tell them, as `score.json`."""
+        return counted(self.light_map.refined)
+
+    @cached_property
+    def expected(self) -> Expected | None:
+        """What noise makes of the score over all its draws, at this threshold.
+
+        None without noise, and where it has no closed form or a size filter or pattern is used.
+        """
+        filters = self.station.segmentation.min_area_mm2 > self.station.camera.sampling_mm**2
+        if filters or self.light_map.pattern or not has_noisy_form(self.station):
+            return None
+        return self.light_map.expected(self.threshold)
+
+    @cached_property
+    def silhouette(self) -> Silhouette | None:
+        """The outline that the sequence shows against that of the part without chips and burrs.
+
+        None if the station has no ``edges``.
+
+        Raises
+        ------
+        FrameError
+            If the image does not show all of the part's outline.
+        """
+        if not self.station.edges:
+            return None
+        fused = self.light_map.fuse()
+        return silhouette_of(self.station, fused["max"], fused["min"])
 
     @property
     def assumptions(self) -> tuple[str, ...]:
@@ -155,8 +207,8 @@ class Result:
         Parameters
         ----------
         name : str
-            ``"station"``, ``"sequence"``, ``"aspect"``, ``"detection"``, ``"histogram"`` or
-            ``"lost"``.
+            ``"station"``, ``"sequence"``, ``"aspect"``, ``"detection"``, ``"histogram"``,
+            ``"over_threshold"`` or ``"lost"``.
 
         Returns
         -------
@@ -182,25 +234,7 @@ class Result:
     ) -> None:
         """Write the files of a run into a folder, from which :func:`gpuspec.load` reads it.
 
-        Parameters
-        ----------
-        folder : str or Path
-            Made if missing. Files of an earlier run in it are replaced, and no others.
-        frames : bool
-            Whether to write every image of the sequence, too.
-        pictures : bool
-            Whether to draw the pictures.
-        force : bool
-            Whether files of the same names are replaced that are not known to be an earlier run's;
-            what the run was made from never is.
-        progress : callable, optional
-            Told what is being written.
-
-        Raises
-        ------
-        OutputError
-            If a file is in the way, the folder cannot be written or the disk is full; nothing is
-            left half-written.
+        Parameters and errors as :func:`gpuspec.write`.
         """
         from gpuspec.report.folder import write
 

@@ -1,4 +1,4 @@
-"""What is wrong with a part: dents, bumps, scratches, measured patches, and random populations.
+"""What is wrong with a part: dents, bumps, scratches, measured patches, random populations, edges.
 
 Relief, with r the distance to the defect's centre or centre line: a Gaussian
 z = -+d exp(-r^2 / 2 sigma^2), sigma a quarter of diameter or width. They stay mirrors.
@@ -192,6 +192,20 @@ class Patch(Topography):
     taper: float = Field(
         0.1, ge=0, le=0.5, description="share of each side over which the relief fades to zero"
     )
+
+
+class EdgeDefect(Section):
+    """A chip or a burr on the part's edge: half an ellipse into the part, or out of it."""
+
+    kind: Literal["chip", "burr"] = Field(
+        description="chip: a piece of the part is missing; burr: there is more than the part"
+    )
+    side: Literal["left", "right", "bottom", "top"] = Field(
+        description="edge of the part, as its picture shows it: x to the right, y up"
+    )
+    at_mm: Coordinate = Field(description="place along this edge, from its middle")
+    width_mm: Length = Field(description="along the edge")
+    depth_mm: Length = Field(description="across it, where it is deepest")
 
 
 Defect = Annotated[Spot | Scratch | Patch, Field(discriminator="kind")]

@@ -15,9 +15,9 @@ from gpuspec.station.station import Station
 
 _UNITS = {
     "_mm": "mm", "_um": "µm", "_mm2": "mm²", "_per_cm2": "1/cm²", "_rad": "rad", "_e": "e⁻",
-    "_dn": "DN",
+    "_dn": "DN", "_lp_per_mm": "lp/mm", "_deg": "°", "_nm": "nm", "_hz": "Hz", "_e_per_s": "e⁻/s",
 }  # fmt: skip
-_LISTS = {"defects", "populations", "classes"}
+_LISTS = {"defects", "populations", "edges", "classes", "decision"}
 HEAD = """\
 # The station file, key by key
 
@@ -77,7 +77,7 @@ def keys(start: str = "") -> tuple[Key, ...]:
     --------
     >>> from gpuspec.station.keys import keys
     >>> [key.name for key in keys("sequence")]
-    ['images', 'step_mm', 'fusion', 'lag']
+    ['images', 'step_mm', 'fusion', 'lag', 'frame_rate_hz']
     >>> keys("camera.pupil_mm")[0].meaning
     'diameter of the lens pupil; 0: pinhole'
     """

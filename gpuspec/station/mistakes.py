@@ -6,7 +6,7 @@ import difflib
 import json
 import re
 from collections.abc import Sequence
-from typing import Any, Literal, get_args, get_origin
+from typing import Annotated, Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
@@ -56,6 +56,16 @@ def explain(error: ValidationError, model: type[BaseModel], file: str) -> list[s
             other["loc"][: len(item["loc"])] == item["loc"] for other in items if other is not item
         ):
             continue  # pydantic does not count entries that are wrong themselves
+        if (
+            item["type"] == "literal_error"
+            and isinstance(item["input"], (list, tuple))
+            and any(
+                other["loc"][: len(item["loc"]) - 1] == item["loc"][:-1]
+                and len(other["loc"]) > len(item["loc"])
+                for other in items
+            )
+        ):
+            continue  # a list was meant, and its entries are wrong
         last = item["loc"][-1:] if item["type"] == "extra_forbidden" else ()
         inner = item["loc"][: len(item["loc"]) - len(last)]
         location = tuple(part for part in inner if not _is_branch(part)) + last
@@ -77,6 +87,8 @@ def explain(error: ValidationError, model: type[BaseModel], file: str) -> list[s
             template = _ALLOWED.get(item["type"])
             context = dict(item.get("ctx", {}))
             allowed = template.format(**context) if template else item["msg"]
+            if head in sentences:
+                allowed = _number(model, location) or allowed
             text = f"{head} = {_short(item['input'])} {allowed}."
         # A union such as "auto" | number reports every branch; the last says what else is allowed.
         if head in sentences and item["type"] not in ("extra_forbidden", "missing"):
@@ -95,12 +107,33 @@ def choices(model: type[BaseModel], place: Sequence[int | str]) -> set[Any]:
     place : sequence of str and int
         Its path, entries of lists by their index.
     """
+    return {choice for annotation in _annotations(model, place) for choice in _literals(annotation)}
+
+
+def _annotations(model: type[BaseModel], place: Sequence[int | str]) -> list[Any]:
+    """Return what a key may be annotated with; lists are looked through."""
     found: list[Any] = [model]
     for step in place:
         if isinstance(step, str):
             fields = [m.model_fields for annotation in found for m in _models(annotation)]
             found = [known[step].annotation for known in fields if step in known]
-    return {choice for annotation in found for choice in _literals(annotation)}
+    return found
+
+
+def _number(model: type[BaseModel], place: Sequence[int | str]) -> str:
+    """Return "a whole number from 1 to 16" of a key that takes such a one or a word; "": another.
+
+    Whatever is wrong with a value, both ends are told: it may have been meant for either.
+    """
+    for annotation in _annotations(model, place):
+        for branch in get_args(annotation) if _literals(annotation) else ():
+            kind, *about = get_args(branch) if get_origin(branch) is Annotated else (None,)
+            bounds = [bound for field in about for bound in getattr(field, "metadata", ())]
+            ends = [getattr(b, end) for end in ("ge", "le") for b in bounds if hasattr(b, end)]
+            if kind in (int, float) and len(ends) == 2:
+                what = "a whole number" if kind is int else "a number"
+                return f"{what} from {ends[0]} to {ends[1]}"
+    return ""
 
 
 def _literals(annotation: Any) -> list[Any]:
@@ -112,7 +145,7 @@ def _literals(annotation: Any) -> list[Any]:
 def _is_branch(part: int | str) -> bool:
     """Whether a step of the location is pydantic's name for a branch of a union, not a key."""
     kinds = {"dent", "bump", "scratch", "measured"}
-    kinds |= {"float", "int", "str", "constrained-float"}
+    kinds |= {"float", "int", "str", "bool", "constrained-float", "constrained-int"}
     return isinstance(part, str) and (part in kinds or "[" in part or "(" in part)
 
 

@@ -22,6 +22,7 @@ from gpuspec.files import write_new
 from gpuspec.shown import cell, html_page, html_table
 from gpuspec.station.defects import (
     Defect,
+    EdgeDefect,
     Patch,
     Population,
     Scratch,
@@ -29,22 +30,30 @@ from gpuspec.station.defects import (
     Section,
     Topography,
 )
+from gpuspec.station.materials import reflectance
 from gpuspec.station.mistakes import explain
+from gpuspec.station.optics import FOLLOWS
 from gpuspec.station.paths import at, merged, places, plain
 from gpuspec.station.sections import (
     Camera,
     ClassRule,
+    DataSet,
+    OwnRelief,
     Part,
+    Pose,
+    RejectRule,
     Segmentation,
     Sensor,
     Sequence,
     Sweep,
+    Tolerance,
     Tunnel,
 )
 from gpuspec.units import MICRO
 
 _SIDES = ("length_mm", "width_mm")  # of the part
 _PATH_MAX = 200  # letters; no key of a station needs as many
+_FACING_MIN = math.cos(math.radians(75))  # of the part's normal and the camera's axis
 _BARE_ENTRY = re.compile(r"^\s*[a-z]+\[\d+\][.\w]*\s*=", re.MULTILINE)
 
 
@@ -67,7 +76,7 @@ def _sides_of_map(data: dict[str, Any], folder: Path) -> dict[str, float | None]
         from gpuspec.topographies.file import size_mm
 
         try:
-            topography = Topography.model_validate(relief)
+            topography = OwnRelief.model_validate(relief)
             size = size_mm(topography, folder / topography.file)
         except (ValidationError, TopographyError):
             return sides
@@ -111,12 +120,22 @@ class Station(Section):
     populations: tuple[Population, ...] = Field(
         (), strict=False, description="defects at random places, of random sizes"
     )
+    edges: tuple[EdgeDefect, ...] = Field(
+        (), strict=False, description="chips and burrs on the part's edges"
+    )
     segmentation: Segmentation = Segmentation()
     classes: tuple[ClassRule, ...] = Field(
         (), strict=False, description="classes of blobs; none: scratch, and dent or bump"
     )
+    decision: tuple[RejectRule, ...] = Field(
+        (), strict=False, description="reasons to reject a part; none: every blob is one"
+    )
 
     sweep: Sweep | None = Field(None, description="what `gpuspec sweep` varies")
+    dataset: DataSet | None = Field(None, description="what `gpuspec dataset` draws")
+    tolerance: Tolerance | None = Field(
+        None, description="by how much keys may be off; none: a step of a sweep's grid"
+    )
 
     _folder: Path = PrivateAttr(default_factory=Path.cwd)
     _file: str = PrivateAttr(default="station")
@@ -212,7 +231,7 @@ class Station(Section):
         Raises
         ------
         StationError
-            As :meth:`read`.
+            If it is no TOML, a key is unknown, or a value is not allowed; one sentence says where.
 
         Examples
         --------
@@ -244,15 +263,13 @@ class Station(Section):
         ----------
         data : dict
             Sections, and lists of defects, populations and classes.
-        file : str
-            Its name in errors.
-        folder : str or Path
-            Where files named in it are found.
+        file, folder
+            As of :meth:`parse`.
 
         Raises
         ------
         StationError
-            As :meth:`read`.
+            If a key is unknown, or a value is not allowed; one sentence names it.
 
         Examples
         --------
@@ -313,6 +330,8 @@ class Station(Section):
         """
         data = self.as_dict()
         sides = {side: data["part"].pop(side) for side in self.sides_of_map}
+        said = self.camera.model_fields_set
+        optics = {key: data["camera"].pop(key) for key in FOLLOWS if key not in said}
         for name, value in plain(changes).items():
             path = name.replace("__", ".")
             *sections, key = places(path)
@@ -341,6 +360,10 @@ class Station(Section):
         part = data.get("part")
         if isinstance(part, dict) and "relief" not in part:
             data["part"] = sides | part  # another map gives another size; without one it stays
+        camera = data.get("camera")
+        if isinstance(camera, dict):  # what no longer follows from the data sheet stays as it was
+            left = {key for key in self.camera.following if not camera.keys() >= set(FOLLOWS[key])}
+            data["camera"] = {key: optics[key] for key in left} | camera
         changed = type(self).from_dict(data, self._file, self._folder)
         changed._source = self._source
         return changed
@@ -426,8 +449,8 @@ class Station(Section):
         relief = f", relief {part.relief.file}" if part.relief else ""
         return (
             f"Station({self._file}: part {part.length_mm:g} x {part.width_mm:g} mm{relief}, {known}"
-            f"{placed}; {tunnel.section} at {tunnel.top_mm:g} mm, stripes {tunnel.luminous_mm:g} + "
-            f"{tunnel.dark_mm:g} mm; {columns} x {rows} pixels, {self.sequence.images} images)"
+            f"{placed}; {tunnel.section} at {tunnel.top_mm:g} mm, {tunnel.light}; {columns} x "
+            f"{rows} pixels, {self.sequence.images} images)"
         )
 
     __str__ = __repr__
@@ -472,13 +495,13 @@ class Station(Section):
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Files named in it, as they are named, each once: topographies and their zones.
+        """Files named in it, as they are named, each once: topographies, their zones, a mesh.
 
         A surface that is made is none.
         """
         from gpuspec.topographies.made import is_made
 
-        named = (self.part.relief, *self.defects)
+        named = (self.part.relief, self.part.mesh, *self.defects)
         names = (getattr(one, key, None) for one in named for key in ("file", "zone_file"))
         given = {name for name in names if name}
         return tuple(sorted(name for name in given if not is_made(name, self.locate(name))))
@@ -497,6 +520,11 @@ class Station(Section):
             self.camera.rows or max(math.ceil(self.part.width_mm / step - 1e-6), 1),
             self.camera.columns or max(math.ceil(self.part.length_mm / step - 1e-6), 1),
         )
+
+    @property
+    def posed(self) -> bool:
+        """Whether part or camera are moved from where the model has them."""
+        return any(one.pose is not None and one.pose.moves for one in (self.part, self.camera))
 
     @property
     def step_mm(self) -> float:
@@ -548,6 +576,8 @@ class Station(Section):
                     f"part.crown_radius_{axis}_mm = {radius:g} must be larger than half the "
                     f"part's {side} ({size / 2:g}), or left out for a flat part"
                 )
+        self._check_shape()
+        self._check_reflectance()
         high = part.height_range_mm[1]
         if tunnel.section == "arch":
             if tunnel.radius_mm is None:
@@ -575,6 +605,8 @@ class Station(Section):
                 f"camera.height_mm = {camera.height_mm:g} must be above the tunnel, whose "
                 f"tunnel.{key} is {tunnel.top_mm:g}"
             )
+        if self.posed:
+            self._check_pose()
         if (tunnel.opening_length_mm > 0) != (tunnel.opening_width_mm > 0):
             raise ValueError(
                 "tunnel.opening_length_mm and tunnel.opening_width_mm must both be zero (no "
@@ -610,6 +642,7 @@ class Station(Section):
                 f"{self.sequence.images}"
             )
         self._check_sizes()
+        self._check_edges()
         for number, defect in enumerate(self.defects, 1):
             points = (
                 defect.points_mm if isinstance(defect, Scratch) else ((defect.x_mm, defect.y_mm),)
@@ -622,6 +655,102 @@ class Station(Section):
                         f"±{part.width_mm / 2:g} mm along y"
                     )
         return self
+
+    def _check_pose(self) -> None:
+        """Refuse a part moved out of the tunnel, and a camera in it or behind the part."""
+        part, tunnel, camera = self.part, self.tunnel, self.camera
+        pose, seen = part.pose or Pose(), camera.pose or Pose()
+        low, high = part.height_range_mm
+        corners = [
+            tuple(
+                sum(a * u for a, u in zip(row, (x, y, z), strict=True)) + shift
+                for row, shift in zip(pose.axes, pose.shift_mm, strict=True)
+            )
+            for x in (-part.length_mm / 2, part.length_mm / 2)
+            for y in (-part.width_mm / 2, part.width_mm / 2)
+            for z in (low, high)
+        ]
+        top = max(corner[2] for corner in corners)
+        beside = max(abs(corner[1]) for corner in corners)
+        farthest = max(math.hypot(y, max(z, 0)) for _, y, z in corners)
+        if tunnel.section == "arch" and farthest >= (tunnel.radius_mm or 0):
+            raise ValueError(
+                f"part.pose moves the part out of the tunnel: a corner is {farthest:.4g} mm from "
+                f"its axis, and tunnel.radius_mm = {tunnel.radius_mm:g}"
+            )
+        if tunnel.section != "arch" and top >= tunnel.height_mm:
+            raise ValueError(
+                f"part.pose moves the part out of the tunnel: a corner is at z = {top:.4g} mm, and "
+                f"tunnel.height_mm = {tunnel.height_mm:g}"
+            )
+        if tunnel.section == "box" and 2 * beside >= (tunnel.width_mm or 0):
+            raise ValueError(
+                f"part.pose moves the part out of the tunnel: a corner is at y = {beside:.4g} mm, "
+                f"and tunnel.width_mm = {tunnel.width_mm:g}"
+            )
+        pupil = camera.height_mm + seen.shift_z_mm
+        if pupil <= tunnel.top_mm:
+            raise ValueError(
+                f"camera.pose moves the camera into the tunnel: its pupil is at z = {pupil:.4g} "
+                f"mm, and the tunnel reaches up to {tunnel.top_mm:g}"
+            )
+        facing = sum(row[2] * other[2] for row, other in zip(pose.axes, seen.axes, strict=True))
+        if facing < _FACING_MIN:
+            raise ValueError(
+                f"part.pose and camera.pose tilt the part by {math.degrees(math.acos(facing)):.3g} "
+                f"degrees against the camera's axis; at most "
+                f"{math.degrees(math.acos(_FACING_MIN)):.3g} are taken"
+            )
+
+    def _check_shape(self) -> None:
+        """Refuse two shapes, a sphere that ends before the part does, and a mesh without height."""
+        part, radius = self.part, self.part.sphere_radius_mm
+        crowned = part.crown_radius_x_mm is not None or part.crown_radius_y_mm is not None
+        if crowned + (radius is not None) + (part.mesh is not None) > 1:
+            raise ValueError(
+                "part has two shapes; a crown (part.crown_radius_x_mm, part.crown_radius_y_mm), a "
+                "sphere (part.sphere_radius_mm) and a mesh (part.mesh) exclude each other"
+            )
+        corner = math.hypot(part.length_mm, part.width_mm) / 2
+        if radius is not None and abs(radius) <= corner:
+            raise ValueError(
+                f"part.sphere_radius_mm = {radius:g} must be larger than the distance from the "
+                f"part's centre to its corner ({corner:g}), or left out for a flat part"
+            )
+        if part.mesh and part.surface != "height":
+            raise ValueError(
+                'part.surface = "orientation" knows no height, which a mesh is; set part.surface = '
+                '"height"'
+            )
+
+    def _check_edges(self) -> None:
+        """Refuse chips and burrs beside their edge, or larger than the part."""
+        length, width = self.part.length_mm, self.part.width_mm
+        for number, edge in enumerate(self.edges, 1):
+            side, across = (length, width) if edge.side in ("top", "bottom") else (width, length)
+            if abs(edge.at_mm) > side / 2:
+                raise ValueError(
+                    f"edges[{number}].at_mm = {edge.at_mm:g} is beside the part's {edge.side} "
+                    f"edge, which reaches ±{side / 2:g} mm from its middle"
+                )
+            for key, size, most in (
+                ("width_mm", edge.width_mm, side), ("depth_mm", edge.depth_mm, across)
+            ):  # fmt: skip
+                if size > most:
+                    raise ValueError(
+                        f"edges[{number}].{key} = {size:g} is larger than the part, {length:g} x "
+                        f"{width:g} mm"
+                    )
+
+    def _check_reflectance(self) -> None:
+        """Refuse a material that would give back more light than falls on it."""
+        part = self.part
+        mirrored = reflectance(part.material, self.tunnel.wavelength_nm)
+        if part.material != "ideal" and part.diffuse + mirrored > 1:
+            raise ValueError(
+                f"part.diffuse = {part.diffuse:g} is more than {part.material} leaves: it reflects "
+                f"{mirrored:.3g} of the light as a mirror; take {1 - mirrored:.2g} or less"
+            )
 
     def _check_sizes(self) -> None:
         """Refuse defects so deep or so wide that the model of a relief on a mirror is void."""

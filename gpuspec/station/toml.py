@@ -13,6 +13,8 @@ from pydantic import BaseModel
 from tomlkit.items import Table
 
 from gpuspec.station.defects import Distribution
+from gpuspec.station.optics import FOLLOWS
+from gpuspec.station.sections import Camera
 
 
 class Written(Protocol):
@@ -29,6 +31,10 @@ class Written(Protocol):
     @property
     def sides_of_map(self) -> tuple[str, ...]:
         """Keys of the part's size that its map decides."""
+
+    @property
+    def camera(self) -> Camera:
+        """Keys of which may follow from others."""
 
     def locate(self, file: str) -> Path:
         """Return the path of a file named in it."""
@@ -80,6 +86,7 @@ def to_toml(
         value = getattr(station, name)
         if isinstance(value, BaseModel):
             left = () if sized or name != "part" else station.sides_of_map
+            left = station.camera.following if name == "camera" else left
             document.add(name, _table(value, comments, left))
         elif value:
             array = tomlkit.aot()
@@ -102,7 +109,7 @@ def _table(section: BaseModel, comments: bool, left: tuple[str, ...] = ()) -> Ta
         if isinstance(value, BaseModel) and not isinstance(value, Distribution):
             nested.append((name, value))
         elif name in left:
-            table.add(tomlkit.comment(f"{name} = {value:g}  # {meaning}"))
+            table.add(tomlkit.comment(f"{name} = {value:.6g}  # {meaning}{_source(section, name)}"))
         elif value is None:
             if comments and not _is_table(field.annotation):
                 table.add(tomlkit.comment(f"{name} = (none)  # {meaning}"))
@@ -116,6 +123,13 @@ def _table(section: BaseModel, comments: bool, left: tuple[str, ...] = ()) -> Ta
     for name, inner in nested:
         table.add(name, _table(inner, comments))
     return table
+
+
+def _source(section: BaseModel, name: str) -> str:
+    """Say what a key follows from."""
+    if not isinstance(section, Camera):
+        return ""
+    return f"; follows from {', '.join(FOLLOWS[name])}"
 
 
 def copies(station: Written, stem: str) -> dict[str, str]:
@@ -142,6 +156,7 @@ def keep(station: Written, path: Path) -> None:
     Parameters
     ----------
     station : Station
+        Its files are read.
     path : Path
         The station file, in an existing folder; the copies stand in a folder beside it. A file
         that is no longer there is named by its absolute path.
@@ -167,7 +182,7 @@ def _relocated(station: Written, places: Mapping[str, str]) -> Written:
     if not places:
         return station
     data = station.as_dict()
-    for table in (data["part"].get("relief"), *data["defects"]):
+    for table in (data["part"].get("relief"), data["part"].get("mesh"), *data["defects"]):
         for key in ("file", "zone_file"):
             if table and key in table:
                 table[key] = places.get(table[key], table[key])

@@ -19,13 +19,14 @@ from numpy.typing import NDArray
 
 from gpuspec.arrays import BESIDE, Image, pooled
 from gpuspec.errors import StationError
-from gpuspec.light.backend import Backend, DeviceInfo
+from gpuspec.light.backend import Backend
 from gpuspec.light.devices import open_backend
 from gpuspec.pictures.page import MARGIN, SKY, VERMILION, WIDTH, Sheet, essentials, fitted
 from gpuspec.pictures.place import draw_codes, millimetres, open_frame, place_image, reduction
 from gpuspec.simulation.cautions.light import of_light
 from gpuspec.simulation.cautions.station import of_station
 from gpuspec.simulation.memory import check_memory
+from gpuspec.station.optics import NO_DATA_SHEET
 from gpuspec.station.station import Station
 from gpuspec.studies.deflection import Dent, hardest, magnification, reach_mm
 from gpuspec.studies.outcome import DARK, PALE, Outcome, percent
@@ -41,8 +42,6 @@ class Coverage(Outcome):
 
     Attributes
     ----------
-    station : Station
-    info : DeviceInfo
     dent : Dent
         The defect to be shown.
     reach_mm : float
@@ -56,21 +55,16 @@ class Coverage(Outcome):
         The same on the part, by the light map's gradient there.
     kind : ndarray of uint8, shape (M, N)
         Index into ``KINDS``; too far and lost are blind.
-    notes : tuple of str
-        What is wrong with the station, see :mod:`gpuspec.simulation.cautions`.
     """
 
     name: ClassVar[str] = "coverage"
 
-    station: Station
-    info: DeviceInfo
     dent: Dent
     reach_mm: float
     magnification: float
     on_light_mm: Image
     on_part_mm: Image
     kind: NDArray[np.uint8]
-    notes: tuple[str, ...] = ()
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -185,19 +179,23 @@ def study(
     Raises
     ------
     StationError
-        If the station has no dent, bump or scratch, the camera sees nothing of the part, or the
-        image exceeds the memory.
+        If the light is no stripes, the station has no dent, bump or scratch, the camera sees
+        nothing of the part, or the image exceeds the memory.
     BackendError
         If the backend is absent or fails.
 
     Examples
     --------
-    >>> from gpuspec.studies import coverage
     >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.5)
-    >>> found = coverage.study(station)
+    >>> found = gpuspec.study("coverage", station)
     >>> found.images_needed, found.blind
     (4, 0.0)
     """
+    if not station.tunnel.is_striped:
+        raise StationError(
+            f"{station.file}: the study of coverage measures distances to the edges of stripes, "
+            f'and this light has none; set tunnel.profile = "stripes".'
+        )
     dent = dent or hardest(station)
     check_memory(station)
     engine = open_backend(backend, device)
@@ -205,7 +203,8 @@ def study(
     flawless = station.replace(
         **{
             "defects": [], "populations": [], "part.relief": None, "part.roughness_rad": 0.0,
-            "camera.pupil_mm": 0.0, "camera.subsampling": 1,
+            "camera.pupil_mm": 0.0, "camera.blur_mm": 0.0, "camera.subsampling": 1,
+            **NO_DATA_SHEET,
         }
     )  # fmt: skip
     read = engine.trace(flawless).read()
@@ -231,8 +230,9 @@ def study(
     ).astype(np.uint8)
     notes = (*of_station(station), *of_light(station, read.lost))
     return Coverage(
-        station, engine.info, dent, reach, magnification(station), on_light, on_part, kind, notes
-    )
+        station, engine.info, dent, reach, magnification(station), on_light, on_part, kind,
+        notes=notes,
+    )  # fmt: skip
 
 
 def transition_distance(light_mm: NDArray[Any], station: Station) -> NDArray[np.float64]:

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from gpuspec.errors import StationError
 from gpuspec.part.placement import place
 from gpuspec.station.defects import Patch, Scratch
+from gpuspec.station.optics import NO_DATA_SHEET
 from gpuspec.station.station import Station
 from gpuspec.units import MICRO
 
@@ -85,6 +86,7 @@ class Dent:
                  "depth_um": self.depth_um}  # fmt: skip
         return without_defects(station).replace(
             **{
+                **NO_DATA_SHEET,
                 "camera.sampling_mm": self.sigma_mm / PIXELS_PER_SIGMA, "camera.rows": 1,
                 "camera.columns": 1, "defects": [known],
             }
@@ -97,7 +99,7 @@ def without_defects(station: Station) -> Station:
         **{
             "part.relief": None, "defects": [], "populations": [],
             "tunnel.length_mm": 1e5, "tunnel.opening_length_mm": 0.0,
-            "tunnel.opening_width_mm": 0.0, "camera.subsampling": 1,
+            "tunnel.opening_width_mm": 0.0, "camera.subsampling": 1, **NO_DATA_SHEET,
         }
     )  # fmt: skip
 
@@ -128,6 +130,7 @@ def strength(dent: Dent, station: Station) -> float:
     Parameters
     ----------
     dent : Dent
+        Taken to lie at the part's centre.
     station : Station
         Its tunnel, camera and shape are used.
     """

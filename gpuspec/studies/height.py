@@ -16,7 +16,6 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from gpuspec.errors import StationError
-from gpuspec.light.backend import DeviceInfo
 from gpuspec.light.float64 import ray_paths
 from gpuspec.light.float64_backend import NumpyBackend
 from gpuspec.part.relief import Relief
@@ -42,7 +41,6 @@ class Height(Outcome):
 
     Attributes
     ----------
-    station : Station
     info : DeviceInfo
         The float64 reference: float32 would lose the movement by height in rounding.
     dent : Dent
@@ -57,14 +55,10 @@ class Height(Outcome):
         The same by the closed form.
     shape_by_slope_mm, shape_by_height_mm : ndarray, shape (n,)
         The same of the part's crown, over the whole part; 0 where it is flat.
-    notes : tuple of str
-        What is wrong with the station, see :mod:`gpuspec.simulation.cautions`.
     """
 
     name: ClassVar[str] = "height"
 
-    station: Station
-    info: DeviceInfo
     dent: Dent
     place_mm: float
     camera_mm: Array
@@ -74,7 +68,6 @@ class Height(Outcome):
     height_estimate_mm: Array
     shape_by_slope_mm: Array
     shape_by_height_mm: Array
-    notes: tuple[str, ...] = ()
 
     @property
     def crowned(self) -> bool:
@@ -263,7 +256,7 @@ def study(station: Station, dent: Dent | None = None, distances: int = 31) -> He
     by = np.array(moved).T
     return Height(
         station, NumpyBackend().info, dent, place, camera, by[0], by[1], by[2], by[3], by[4], by[5],
-        tuple(of_station(station)),
+        notes=tuple(of_station(station)),
     )  # fmt: skip
 
 

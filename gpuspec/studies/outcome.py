@@ -6,6 +6,7 @@ import csv
 import json
 import math
 from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -23,13 +24,12 @@ ENDINGS = (".png", ".csv", ".json", ".toml")
 """A study writes its name with each of these."""
 
 
+@dataclass(frozen=True, repr=False)
 class Outcome(ABC):
     """What a study of a station found.
 
     Attributes
     ----------
-    name : str
-        Of the study, and of its files.
     station : Station
         The station studied.
     info : DeviceInfo
@@ -39,9 +39,11 @@ class Outcome(ABC):
     """
 
     name: ClassVar[str]
+    """Of the study, and of its files."""
+
     station: Station
     info: DeviceInfo
-    notes: tuple[str, ...]
+    notes: tuple[str, ...] = field(default=(), kw_only=True)
 
     def __repr__(self) -> str:
         said = {str(number): finding for number, finding in enumerate(self.findings(), 1)}

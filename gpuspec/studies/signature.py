@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from gpuspec.errors import StationError
-from gpuspec.light.backend import Backend, DeviceInfo
+from gpuspec.light.backend import Backend
 from gpuspec.light.devices import open_backend
 from gpuspec.pictures.page import MARGIN, VERMILION, WIDTH, Sheet
 from gpuspec.pictures.place import open_frame
@@ -45,7 +45,6 @@ class Signature(Outcome):
     ----------
     station : Station
         The row of the dent as it was simulated: image k has the transition at the k-th distance.
-    info : DeviceInfo
     dent : Dent
     strength : float
         A of the dent.
@@ -53,20 +52,15 @@ class Signature(Outcome):
         Of the transition from the dent's centre, on the part, in sigmas.
     closed_form, simulated : ndarray, shape (K,)
         Width of the signature in sigmas, by the law and from the images.
-    notes : tuple of str
-        What is wrong with the station that was given, see :mod:`gpuspec.simulation.cautions`.
     """
 
     name: ClassVar[str] = "signature"
 
-    station: Station
-    info: DeviceInfo
     dent: Dent
     strength: float
     distance: Array
     closed_form: Array
     simulated: Array
-    notes: tuple[str, ...] = ()
 
     @property
     def vanishing(self) -> float:
@@ -161,8 +155,7 @@ def study(
 
     Examples
     --------
-    >>> from gpuspec.studies import signature
-    >>> found = signature.study(distances=5)
+    >>> found = gpuspec.study("signature", distances=5)
     >>> print(found.findings()[0])
     dent of 1 mm, 10 µm deep: A = 28.4; its signature is 64.7 % of its diameter at a
         transition and vanishes 4.06 mm (16.3 sigma) from one.
@@ -188,7 +181,7 @@ def study(
     width: Array = np.count_nonzero(lit, axis=1) * p / sigma
     force = strength(dent, station)
     law = signature_width(distance, force)
-    return Signature(row, engine.info, dent, force, distance, law, width, notes)
+    return Signature(row, engine.info, dent, force, distance, law, width, notes=notes)
 
 
 def moved_transition(station: Station, dent: Dent, distances: int) -> Station:
@@ -227,9 +220,11 @@ def moved_transition(station: Station, dent: Dent, distances: int) -> Station:
     stripe = 4 * (far + half_row) * sigma * along
     return dent.alone_on(station).replace(
         **{
-            "part.material": "ideal", "part.roughness_rad": 0.0,
+            "part.material": "ideal", "part.roughness_rad": 0.0, "part.diffuse": 0.0,
+            "tunnel.profile": "stripes",
             "tunnel.luminous_mm": stripe, "tunnel.dark_mm": stripe, "tunnel.dark_leak": 0.0,
-            "camera.pupil_mm": 0.0, "camera.vignetting": "none",
+            "camera.pupil_mm": 0.0, "camera.blur_mm": 0.0,
+            "camera.focus_mm": None, "camera.vignetting": "none",
             "camera.columns": 2 * math.ceil(half_row * PIXELS_PER_SIGMA),
             "sensor.exposure": 1.0, "sensor.noise": False,
             "sequence.images": distances, "sequence.lag": 1,

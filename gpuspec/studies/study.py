@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from gpuspec.station.station import Station
     from gpuspec.studies.outcome import Outcome
 
-STUDIES = ("signature", "height", "coverage", "tolerance")
+STUDIES = ("signature", "height", "coverage", "tolerance", "threshold")
 
 
 def study(name: str, station: Station | str | Path | None = None, **options: Any) -> Outcome:
@@ -45,7 +45,7 @@ def study(name: str, station: Station | str | Path | None = None, **options: Any
     Traceback (most recent call last):
         ...
     gpuspec.errors.StationError: there is no study 'covrage'; choose one of signature,
-        height, coverage, tolerance.
+        height, coverage, tolerance, threshold.
     """
     from importlib import import_module
     from inspect import signature

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
-import types
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Any
 
 import numpy as np
-from pydantic import BaseModel
 
 from gpuspec.errors import StationError
 from gpuspec.light.light_map import LIGHT
-from gpuspec.station.defects import Distribution
-from gpuspec.station.paths import places
+from gpuspec.station.numeric import check_design, takes_whole_numbers
 from gpuspec.station.station import Station
 from gpuspec.words import plural
 
@@ -95,7 +92,8 @@ def axis(station: Station, key: str, given: str | float | Sequence[float]) -> Ax
     >>> axis(station, "sequence.images", [20, 40]).retraces
     False
     """
-    whole = _takes_whole_numbers(station, key)
+    check_design(key)
+    whole = takes_whole_numbers(station, key)
     values = _range(key, given) if isinstance(given, str) and ":" in given else _list(key, given)
     if len(set(values)) < len(values):
         raise StationError(f"{key}: a value stands twice in {_shown(given)}; name it once.")
@@ -115,10 +113,8 @@ def bounds(station: Station, key: str, given: str | float | Sequence[float]) -> 
 
     Parameters
     ----------
-    station : Station
-        Whose key it is.
-    key : str
-        Dotted path, see :func:`axis`.
+    station, key
+        As of :func:`axis`.
     given : str or list of numbers
         ``"1:12"``, or ``"1:12:23"`` as a sweep's table has it, or a list, whose least and greatest
         value are the ends. Text with commas is refused: it lists values, and a search takes what
@@ -129,7 +125,8 @@ def bounds(station: Station, key: str, given: str | float | Sequence[float]) -> 
     StationError
         Unknown or non-numeric key; unreadable, reversed or empty interval.
     """
-    whole = _takes_whole_numbers(station, key)
+    check_design(key)
+    whole = takes_whole_numbers(station, key)
     low, high = _ends(key, given)
     if not whole:
         return Axis(key, (low, high))
@@ -210,6 +207,45 @@ def vary_option(text: str, how: str = VARY) -> tuple[str, str]:
     return key.strip(), given.strip()
 
 
+def axis_values(key: str, given: str) -> list[Any]:
+    """Return values of which a key takes one: numbers, words, true or false.
+
+    Parameters
+    ----------
+    key : str
+    given : str
+        ``FROM:TO:COUNT``, or values with commas between them.
+
+    Raises
+    ------
+    StationError
+        If a range cannot be read.
+
+    Examples
+    --------
+    >>> from gpuspec.sweeps.axes import axis_values
+    >>> axis_values("sensor.noise", "true,false"), axis_values("tunnel.dark_mm", "2:4:3")
+    ([True, False], [2, 3, 4])
+    >>> axis_values("tunnel.section", "ceiling, arch"), axis_values("sensor.bit_depth", "8,12")
+    (['ceiling', 'arch'], [8, 12])
+    """
+    if ":" in given:
+        values = _range(key, given)
+        whole = all(value.is_integer() for value in values)
+        return [round(value) for value in values] if whole else list(values)
+    found: list[Any] = []
+    for word in (part.strip() for part in given.split(",")):
+        for read in (int, float):
+            try:
+                found.append(read(word))
+                break
+            except ValueError:
+                continue
+        else:
+            found.append({"true": True, "false": False}.get(word, word))
+    return found
+
+
 def _range(key: str, given: str) -> list[float]:
     parts = given.split(":")
     try:
@@ -260,54 +296,3 @@ def _list(key: str, given: str | float | Sequence[float], how: str = _HOW) -> li
 def _shown(given: object) -> str:
     text = str(given)
     return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _takes_whole_numbers(station: Station, key: str) -> bool:
-    """Whether a numeric key takes whole numbers only; raises if it is none, or not numeric."""
-    if key.split(".")[0] == "segmentation":
-        raise StationError(
-            f"{key} is not varied: every design is scored at all 256 thresholds, without a size "
-            f"filter."
-        )
-    if places(key)[-1] == "seed":
-        raise StationError(
-            f"{key} is not varied: another seed is another part or other noise, not another "
-            f"design, and the luckiest would be chosen. --parts tries every design on several "
-            f"parts, each with seeds of its own."
-        )
-    if "__" in key:
-        raise StationError(f"{key} is not a known key (did you mean {key.replace('__', '.')}?).")
-    found: Any = station
-    kind: Any = type(station)
-    for place in places(key):
-        if isinstance(place, int):
-            there = isinstance(found, tuple) and 0 <= place < len(found)
-            found = found[place] if there else None
-            kind = type(found)
-            if found is None:
-                raise StationError(f"{station.file}: there is no {key} to vary.")
-            continue
-        models = [m for m in _parts(kind) if isinstance(m, type) and issubclass(m, BaseModel)]
-        field = next((m.model_fields[place] for m in models if place in m.model_fields), None)
-        if field is None:
-            # The station's own validation knows what to say of a key that is not there.
-            station.replace(**{key: 0.0})
-            raise StationError(f"{station.file}: {key} is not a number that can be varied.")
-        found, kind = getattr(found, place, None), field.annotation
-    kinds = _parts(kind)
-    if int in kinds and float not in kinds:
-        return True
-    if float in kinds or any(isinstance(k, type) and issubclass(k, Distribution) for k in kinds):
-        return False
-    raise StationError(f"{station.file}: {key} is not a number, so it cannot be varied.")
-
-
-def _parts(annotation: Any) -> list[Any]:
-    """Return the types a field may hold: those of a union, without what annotates them."""
-    if get_origin(annotation) is Annotated:
-        return _parts(get_args(annotation)[0])
-    if get_origin(annotation) is Literal:
-        return [type(choice) for choice in get_args(annotation)]
-    if get_origin(annotation) in (Union, types.UnionType):
-        return [part for argument in get_args(annotation) for part in _parts(argument)]
-    return [annotation]

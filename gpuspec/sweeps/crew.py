@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from threading import Event
 from typing import Protocol
 
 import pyarrow as pa
-
-from gpuspec.sweeps.trying.bench import Bench
 
 
 @dataclass(frozen=True)
@@ -19,7 +18,7 @@ class Task:
     Attributes
     ----------
     file : int
-        Its number.
+        Its number, as in the name ``part-00000003.parquet``.
     designs : tuple of int
         Their numbers.
     sampled : bool
@@ -29,6 +28,17 @@ class Task:
     file: int
     designs: tuple[int, ...]
     sampled: bool
+
+
+class Worker(Protocol):
+    """A device with what is tried on it, e.g. :class:`gpuspec.sweeps.trying.bench.Bench`."""
+
+    @property
+    def stopped(self) -> Event:
+        """Set from another thread, it ends the work within a second by StoppedError."""
+
+    def rows(self, designs: Sequence[int], *, sampled: bool) -> pa.Table:
+        """Return a row for each design, with its number in the column ``design``."""
 
 
 class Crew(Protocol):
@@ -44,14 +54,14 @@ class Alone:
 
     Attributes
     ----------
-    bench : Bench
+    bench : Worker
     """
 
-    bench: Bench
+    bench: Worker
 
     def done(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, pa.Table]]:
         """See :meth:`Crew.done`; the next task is begun while one's rows are written."""
-        stopped = self.bench.parts.stopped
+        stopped = self.bench.stopped
         stopped.clear()
         with ThreadPoolExecutor(1) as pool:
             before: tuple[Task, Future[pa.Table]] | None = None

@@ -51,7 +51,7 @@ def estimate(plan: Plan, bench: Bench | None, left: int) -> Estimate:
     if valid is not None:
         station = plan.station_of(valid)
         rows, columns = station.shape
-        size = rows * columns * BYTES_PER_PIXEL * station.camera.subsampling**2 * plan.parts
+        size = rows * columns * BYTES_PER_PIXEL * station.camera.sub_rays * plan.parts
         if bench is not None:
             seconds = _seconds(plan, bench, valid, left, geometries) if left else 0.0
     if bench is not None:

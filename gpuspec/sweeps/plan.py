@@ -108,6 +108,7 @@ class Plan:
             dark_mm?).
         """
         station = Station.of(station)
+        one_level(station)
         table = station.sweep
         vary = varied(vary if vary is not None else table.vary if table else {})
         parts = parts if parts is not None else table.parts if table else 1
@@ -136,7 +137,7 @@ class Plan:
             if any(places(one.key) == places(other.key) for other in axes[:number]):
                 raise StationError(f"{one.key} is varied twice; vary each key once.")
         axes.sort(key=lambda a: not a.retraces)
-        base = station.replace(sweep=None)
+        base = station.replace(sweep=None, dataset=None)
         if base.segmentation.min_area_mm2 or base.segmentation.threshold != "auto":
             base = base.replace(segmentation=None)
         plan = cls(base, tuple(axes), int(parts), int(samples))
@@ -224,22 +225,11 @@ class Plan:
         return {
             "gpuspec": __version__,
             "station": to_toml(self.station, comments=False, absolute=True),
-            "files": self._digests(),
+            "files": digests(self.station),
             "vary": {a.key: list(a.values) for a in self.axes},
             "parts": self.parts,
             "samples": self.samples,
         }
-
-    def _digests(self) -> dict[str, str]:
-        """Return what the files named in the station hold, as SHA-256."""
-        found = {}
-        for name in self.station.files:
-            path = self.station.locate(name)
-            try:
-                found[name] = hashlib.sha256(path.read_bytes()).hexdigest()
-            except OSError:  # whoever needs it says so
-                found[name] = "not there"
-        return found
 
     @classmethod
     def from_identity(cls, identity: Mapping[str, Any]) -> Plan:
@@ -256,6 +246,18 @@ class Plan:
         if not axes or parts < 1 or samples < 0:
             raise ValueError("nothing is varied, or there are no parts")
         return cls(station, axes, parts, samples)
+
+
+def digests(station: Station) -> dict[str, str]:
+    """Return what the files named in a station hold, as SHA-256."""
+    found = {}
+    for name in station.files:
+        path = station.locate(name)
+        try:
+            found[name] = hashlib.sha256(path.read_bytes()).hexdigest()
+        except OSError:  # whoever needs it says so
+            found[name] = "not there"
+    return found
 
 
 def _with_design(station: Station, changes: Mapping[str, float | int]) -> Station | None:
@@ -293,3 +295,29 @@ def with_part(station: Station, part: int) -> Station:
     for number, population in enumerate(station.populations, 1):
         changes[f"populations[{number}].seed"] = (population.seed + step) % 2**32
     return station.replace(**changes)
+
+
+def one_level(station: Station) -> None:
+    """See that pixels above one grey level are what is detected: levels are counted, not images.
+
+    Parameters
+    ----------
+    station : Station
+
+    Raises
+    ------
+    StationError
+        If it takes a local background, detects what is dark, or has chips and burrs.
+    """
+    if station.edges:
+        raise StationError(
+            f"{station.file}: a sweep scores what is on the part and not its outline, which "
+            f"[[edges]] change; leave them out of what is swept (--set edges=none)."
+        )
+    rule = station.segmentation
+    for key, asked in (("background_mm", rule.background_mm), ("polarity", rule.polarity)):
+        if asked not in (None, "bright"):
+            raise StationError(
+                f"{station.file}: segmentation.{key} = {asked} needs whole images, and a sweep "
+                f"counts the pixels above a grey level; leave it out of what is swept."
+            )

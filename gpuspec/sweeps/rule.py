@@ -26,7 +26,8 @@ def f1_of(p1: NDArray[np.float64], p2: NDArray[np.float64]) -> NDArray[np.float6
 
     Returns
     -------
-    ndarray of float64, of their common shape
+    ndarray of float64
+        Of the shape they broadcast to.
 
     Examples
     --------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -22,34 +22,6 @@ from gpuspec.sweeps.trying.bench import Bench
 
 Progress = Callable[[str, int, int], None]
 """Told what is being done, how many designs are done, and of how many."""
-
-
-@overload
-def sweep(
-    station: Plan | Station | str | Path,
-    folder: str | Path,
-    /,
-    *,
-    backend: str | Backend = "auto",
-    device: str | None = None,
-    progress: Progress | None = None,
-    crew: Crew | None = None,
-) -> RunFolder: ...
-
-
-@overload
-def sweep(
-    station: Plan | Station | str | Path,
-    vary: Mapping[str, Any] | None = None,
-    folder: str | Path | None = None,
-    *,
-    parts: int | None = None,
-    samples: int | None = None,
-    backend: str | Backend = "auto",
-    device: str | None = None,
-    progress: Progress | None = None,
-    crew: Crew | None = None,
-) -> RunFolder: ...
 
 
 def sweep(

@@ -6,7 +6,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 Heights = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -122,6 +121,8 @@ def _harmonic(heights: Heights, defined: Mask) -> Heights:
 
 def _from_half(heights: Heights, defined: Mask) -> Heights:
     """Fill the map of the means of 2 x 2 points, and interpolate it."""
+    from scipy import ndimage  # slow to import
+
     ny, nx = heights.shape
     even = ((0, ny % 2), (0, nx % 2))
     blocks = (-(-ny // 2), 2, -(-nx // 2), 2)
@@ -154,6 +155,8 @@ def standing_out(heights: Heights, defined: Mask) -> Heights:
     ndarray of float64, shape (ny, nx)
         In mm; 0 where missing.
     """
+    from scipy import ndimage  # slow to import
+
     whole = filled(heights, defined)
     away = np.abs(whole - ndimage.median_filter(whole, AROUND, mode="nearest"))
     return np.where(defined, away, 0.0)

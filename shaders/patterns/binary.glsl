@@ -1,4 +1,5 @@
-/* The binary stripes themselves: what the other fusions of the same station must agree with.
+/* The binary stripes themselves, seen through one box: where a footprint is one, on a flat part
+   through a pinhole, they agree with the station's own to the last bits.
 
    pattern() is the light's radiance, 0 to 1, averaged over what a sub-ray sees of it:
    light      coordinate along the part's x axis, mm

@@ -67,7 +67,7 @@ def test_every_picture_of_a_run_is_a_figure_by_its_name(result, name):
 
 @pytest.mark.parametrize("wrong", ["histogramm", "histogram.png", "", 5, None])
 def test_an_unknown_picture_is_refused_with_those_there_are(result, wrong):
-    known = "station, sequence, aspect, detection, histogram, lost"
+    known = "station, sequence, aspect, detection, histogram, over_threshold, lost"
     with pytest.raises(StationError, match=f"there is no picture {wrong!r}; choose one of {known}"):
         result.picture(wrong)
 

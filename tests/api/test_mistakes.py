@@ -84,7 +84,8 @@ def test_every_key_of_the_geometry_is_watched():
             other = model.model_copy(update={key: "another"})
             station = STATION.model_copy(update={section: other})
             if (section, key) in (("tunnel", "luminous_mm"), ("tunnel", "dark_mm"),
-                                  ("tunnel", "dark_leak")):  # fmt: skip
+                                  ("tunnel", "dark_leak"), ("tunnel", "profile"),
+                                  ("tunnel", "profile_gamma")):  # fmt: skip
                 assert light_map.lit_by(station) is station
                 continue
             with pytest.raises(StationError, match=f"{section}.{key}"):

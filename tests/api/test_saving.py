@@ -51,6 +51,7 @@ def result() -> Result:
     assert len(found.blobs) >= 5
     assert set(found.classes) == {"long", "round"}
     assert found.warnings
+    assert found.refined["pixels"]
     return found
 
 
@@ -80,6 +81,7 @@ def same(again: Result, result: Result) -> None:
     assert again.confusion.columns == result.confusion.columns
     assert np.array_equal(again.confusion.counts, result.confusion.counts)
     assert again.relief.defects == result.relief.defects
+    assert again.light_map.refined == result.light_map.refined
     assert repr(again) == repr(result)
 
 
@@ -266,6 +268,7 @@ def test_a_score_that_is_none_is_refused(copied, text):
     [
         {"threshold_dn": "high"}, {"threshold_dn": None}, {"score": None}, {"pattern": "x.glsl"},
         {"warnings": 5}, {"device": None, "score": {}}, {"flawless_dn": float("nan")},
+        {"refined": None}, {"refined": {"pixels": 1, "sub_rays": 4, "2": 0, "4": 0, "8": 0}},
     ],
 )  # fmt: skip
 def test_a_score_with_other_values_is_refused(copied, wrong):

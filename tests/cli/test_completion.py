@@ -52,5 +52,9 @@ def test_tab_completes_what_the_program_knows(line, offered):
 
 
 def test_the_script_for_a_shell_is_shown():
-    shown = ran("--show-completion", "bash")
+    # It asks which shell it was started from; without the exit bash would turn into the program.
+    command = ["bash", "-c", '"$0" --show-completion; exit $?', GPUSPEC]
+    shown = subprocess.run(
+        command, capture_output=True, text=True, check=True, timeout=DEADLINE_S
+    ).stdout
     assert "complete -o default -F _gpuspec_completion gpuspec" in shown

@@ -24,10 +24,11 @@ def test_the_demo_part_scores_the_same_on_every_backend(backend: Backend, first:
     assert result.classes.tolist() == first.classes.tolist()
 
 
-def test_most_defects_of_the_demo_part_are_hit_and_nothing_is_false(first: Result):
+def test_all_defects_of_the_demo_part_are_hit_and_nothing_is_false(first: Result):
     assert len(first.defects) == 36
-    assert first.score.defects_hit >= 34
+    assert first.score.defects_hit == 36
     assert first.score.false_blobs == 0
-    assert first.score.p1 > 0.6
+    # Just above the ceiling the bright rims are detected, too: more of the zones, and beside them.
+    assert first.score.p1 > 0.55
     assert first.score.p2 is not None
-    assert first.score.p2 > 0.7
+    assert first.score.p2 > 0.9

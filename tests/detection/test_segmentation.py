@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -12,7 +13,8 @@ from hypothesis.extra import numpy as hnp
 from skimage.measure import label as skimage_label
 from tolerances import THRESHOLD_STEP_DN
 
-from gpuspec.detection.segmentation import automatic_threshold, flawless_level, segment
+from gpuspec.detection import segmentation
+from gpuspec.detection.segmentation import automatic_threshold, flawless_level, median, segment
 
 EVERYWHERE = np.ones((4, 6), np.bool_)
 
@@ -27,6 +29,30 @@ def test_the_flawless_level_is_the_median_of_the_valid_pixels() -> None:
     aspect = np.array([[1, 2, 9], [200, 200, 200]], np.float32)
     valid = np.array([[True] * 3, [False] * 3])
     assert flawless_level(aspect, valid) == 2.0
+
+
+@pytest.mark.parametrize("n", [1, 2, 99_999, 100_000])
+@pytest.mark.parametrize(
+    "levels",
+    [
+        lambda rng, n: rng.normal(80, 3, n),
+        lambda rng, n: rng.integers(0, 4, n),
+        lambda rng, n: np.full(n, 61.5),
+        lambda rng, n: np.where(rng.random(n) < 0.5, 60, 200),
+        lambda rng, n: np.concatenate([np.full(n // 2, 0.5), rng.random(n - n // 2)]),
+    ],
+    ids=["noise", "few levels", "one level", "two levels", "half even"],
+)
+def test_the_median_is_numpys_to_the_bit(levels: Callable[..., np.ndarray], n: int) -> None:
+    values = levels(np.random.default_rng(n), n).astype(np.float32)
+    assert median(values) == np.median(values)
+
+
+def test_a_sample_that_misleads_does_not_move_the_median() -> None:
+    values = np.arange(100_000.0)
+    places = segmentation.sampled_places(values.size)
+    values[places] = 1e6
+    assert median(values) == np.median(values)
 
 
 def test_the_median_and_the_threshold_leave_the_image_as_it_was() -> None:
@@ -131,7 +157,6 @@ def test_small_blobs_leave_no_gap_in_the_labels() -> None:
         [0, 0, 0, 0, 0, 0],
         [0, 0, 3, 3, 3, 0],
     ]
-    assert labels.dtype == np.int32
     np.testing.assert_array_equal(labels, expected)
     assert segment(aspect, EVERYWHERE, 50, min_area_px=3).max() == 1
     assert segment(aspect, EVERYWHERE, 50, min_area_px=4).max() == 0

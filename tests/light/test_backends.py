@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from scenes import check_station
+from scenes import PIXEL_BYTES, check_station
 
 from gpuspec.errors import BackendError
 from gpuspec.light.backend import chosen
@@ -43,7 +43,7 @@ def test_other_fusions_than_the_mean_are_made_image_by_image(backend, fusion):
 
 
 def test_a_device_short_of_memory_works_in_tiles(opencl):
-    station = check_station()
+    station = check_station(camera__subsampling=1)
     whole = opencl.trace(station)
     assert whole.tiles == 1
     rows = station.shape[0]
@@ -111,7 +111,14 @@ def test_work_is_done_launch_by_launch_with_the_same_result_to_the_bit(
         images = [light_map.mean(), *light_map.fuse().values(), light_map.image(3)]
         if subsampling == 1:
             images.append(light_map.closed_form())
-        return [arrays.light_mm, arrays.footprint_mm, arrays.irradiance, arrays.lost, *images]
+        return [
+            arrays.light_mm,
+            arrays.wide_mm,
+            arrays.narrow_mm,
+            arrays.irradiance,
+            arrays.lost,
+            *images,
+        ]
 
     whole = made()
     monkeypatch.setattr("gpuspec.light.opencl_device.LAUNCH_SECONDS", 1e-7)
@@ -120,7 +127,8 @@ def test_work_is_done_launch_by_launch_with_the_same_result_to_the_bit(
     counted = launches_of(device, monkeypatch)
     for one, other in zip(whole, made(), strict=True):
         assert np.array_equal(one, other)
-    for kernel in ("trace", "image_at", "mean_of_images", "fuse_images"):
+    tracing = "trace" if subsampling == 1 else "trace_sub_rays"
+    for kernel in (tracing, "image_at", "mean_of_images", "fuse_images"):
         assert counted[kernel] == station.shape[0]
     assert counted["aspect"] == (station.shape[0] if subsampling == 1 else 0)
 
@@ -139,6 +147,8 @@ def test_a_program_is_built_once_a_file(monkeypatch):
     for _ in range(2):
         light_map = device.trace(station)
         light_map.image(0), light_map.mean(), light_map.fuse(), light_map.closed_form()
+        light_map.mean(check_station(tunnel__profile="sinusoid"))
+        device.trace(check_station(part__pose={"tilt_y_deg": 1.0}))
         zone = np.ones(station.shape, np.int32)
         light_map.counter(Zones.of(zone, zone == 1, 1)).count([station])
     assert sorted(built) == sorted(FILES)
@@ -146,9 +156,9 @@ def test_a_program_is_built_once_a_file(monkeypatch):
 
 def test_an_image_is_made_in_bands_of_a_light_map_that_is_kept(opencl, monkeypatch):
     """The light map takes the memory it takes; its images take none beside it to speak of."""
-    station = check_station()
+    station = check_station(camera__subsampling=1)
     whole = opencl.trace(station)
-    device = OpenCLBackend(memory_bytes=13 * opencl.width * np.prod(station.shape))
+    device = OpenCLBackend(memory_bytes=PIXEL_BYTES * opencl.width * np.prod(station.shape))
     light_map = device.trace(station)
     monkeypatch.setattr("gpuspec.light.opencl._BAND_BYTES", 3 * 5 * 4 * light_map.stride)
     counted = launches_of(device, monkeypatch)
@@ -161,25 +171,26 @@ def test_an_image_is_made_in_bands_of_a_light_map_that_is_kept(opencl, monkeypat
 
 
 def test_a_light_map_is_kept_whatever_its_size_as_far_as_the_memory_allows():
-    station = check_station()
+    station = check_station(camera__subsampling=1)
     rows = station.shape[0]
     device = OpenCLBackend()
     stride = device.trace(station).stride
     for missing in (0, 1):
-        device.memory_bytes = 13 * stride * rows - missing
+        device.memory_bytes = PIXEL_BYTES * stride * rows - missing
         assert device.trace(station).tiles == 1 + missing
 
 
 def test_a_light_map_in_the_hosts_memory_leaves_a_run_the_rest(opencl, monkeypatch):
     """On a CPU; a light map that does not fit is done in tiles of at most a gibibyte."""
-    station = check_station()
+    station = check_station(camera__subsampling=1)
     rows, stride = station.shape[0], opencl.trace(station).stride
+    monkeypatch.setattr("gpuspec.light.opencl._BAND_BYTES", 0)  # nothing is too little to be asked
     assert opencl.device.host_unified_memory
     for missing in (0, 1):
-        free = 4 * (13 * stride * rows - missing)
+        free = 4 * (PIXEL_BYTES * stride * rows - missing)
         monkeypatch.setattr("gpuspec.light.opencl.free_bytes", lambda free=free: free)
         assert opencl.trace(station).tiles == 1 + missing
-    monkeypatch.setattr("gpuspec.light.opencl._TILE_BYTES", 13 * stride * 5)
+    monkeypatch.setattr("gpuspec.light.opencl._TILE_BYTES", PIXEL_BYTES * stride * 5)
     assert opencl.trace(station).tiles == -(-rows // 5)
 
 
@@ -201,7 +212,10 @@ def test_a_launch_lasts_about_as_long_as_it_should(opencl, monkeypatch):
 
 
 def test_a_short_launch_says_how_long_one_may_be_only_if_it_lasted(opencl, monkeypatch):
-    """A launch of little work takes its time to start, which is no measure of the device."""
+    """A launch of little work takes its time to start, which is no measure of the device.
+
+    One of hardly any is not waited for at all.
+    """
     now = [0.0]
     monkeypatch.setattr("gpuspec.light.opencl_device.perf_counter", lambda: now[0])
     monkeypatch.setattr(opencl, "_work", {})
@@ -210,12 +224,14 @@ def test_a_short_launch_says_how_long_one_may_be_only_if_it_lasted(opencl, monke
         rows = np.full(10_000, 1e6)
         return 1e6 * next(opencl.launches("a kernel", rows)).stop
 
-    def little(seconds: float) -> None:
-        for _ in opencl.launches("a kernel", [10.0, 10.0]):
+    def little(seconds: float, work: float = 1e7) -> None:
+        for _ in opencl.launches("a kernel", [work, work]):
             now[0] += seconds
 
     unknown = first_of_many()
     little(1e-3)
+    assert first_of_many() == unknown
+    little(2.0, 10.0)
     assert first_of_many() == unknown
     little(2.0)
     assert first_of_many() == unknown / 100  # and no less, whatever was waited for
@@ -246,7 +262,7 @@ def test_a_light_map_comes_home_as_arrays_of_the_image(backend):
     station: Station = check_station(camera__subsampling=2)
     arrays = backend.trace(station).read()
     assert isinstance(arrays, LightMapArrays)
-    for array in (arrays.light_mm, arrays.footprint_mm, arrays.irradiance):
+    for array in (arrays.light_mm, arrays.wide_mm, arrays.narrow_mm, arrays.irradiance):
         assert array.shape == (4, *station.shape)
     assert arrays.lost.shape == station.shape
     assert arrays.lost.dtype == np.uint8

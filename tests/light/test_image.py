@@ -5,26 +5,28 @@ from __future__ import annotations
 import numpy as np
 import tolerances
 from device import LANES, Device
-from laws import GROUPS, IMAGE, Draws, close, design_of, designs, holds, shared
+from laws import GROUPS, IMAGE, Draws, close, design_of, designs, holds, overlap, rounded, shared
 
 from gpuspec.light.float64 import random_words
 
 
-@holds("exposed_ray", wrong=("FLOAT(sub_rays), d.dark_leak", "1.0f, d.dark_leak"))
+@holds(
+    "exposed_ray",
+    wrong=("(q, ray.irradiance, d.exposure / FLOAT(sub_rays)", "(q, ray.irradiance, d.exposure"),
+)
 def test_sub_rays_share_a_pixel_and_see_the_lit_fraction_of_their_footprint(device: Device) -> None:
     d = Draws(40)
     design = designs(d, noise=False)
-    light, footprint = d.pixel(-60, 60), d.pixel(0.5, 30)
+    light, wide = d.pixel(-60, 60), d.pixel(0.5, 30)
+    narrow = rounded(wide * d.pixel(0, 1))
     seen, shift = d.pixel(0, 1), d.shared(0, 1)
-    inputs = {"REAL light": light, "REAL footprint": footprint, "REAL seen": seen,
-              **shared(shift=shift), "Design d": design}  # fmt: skip
-    code = "REAL e = at_shift(exposed_ray(d, light, footprint, seen, 4), shift);"
+    inputs = {"REAL light": light, "REAL wide": wide, "REAL narrow": narrow,
+              "REAL seen": seen, **shared(shift=shift), "Design d": design}  # fmt: skip
+    code = """Ray r; r.light = light; r.wide = wide; r.narrow = narrow; r.irradiance = seen;
+        REAL e = at_shift(exposed_ray(d, r, 4), shift);"""
     (got,) = device.call(IMAGE, code, inputs, ("e",))
     a, per_mm, leak = design_of(design, "luminous_share", "periods_per_mm", "dark_leak")
-    low = light * per_mm - shift - footprint * per_mm / 2
-    high = low + footprint * per_mm
-    lit = [a * np.floor(u) + np.minimum(u - np.floor(u), a) for u in (low, high)]
-    share = (lit[1] - lit[0]) / (footprint * per_mm)
+    share = overlap(light * per_mm - shift, wide * per_mm, narrow * per_mm, a)
     (gain,) = design_of(design, "exposure")
     close(got, gain * seen / 4 * (leak + (1 - leak) * share), atol=tolerances.EXPOSED_RAY)
 

@@ -146,7 +146,7 @@ def test_each_reason_of_loss_is_where_it_must_be(backend):
             },
             "camera": {
                 "height_mm": 800.0, "sampling_mm": 0.25, "columns": 400, "rows": 100,
-                "pupil_mm": 0.0,
+                "pupil_mm": 0.0, "subsampling": 1,
             },
             "defects": [
                 {"kind": "dent", "x_mm": 20, "y_mm": 0, "diameter_mm": 4, "depth_um": 3000}
@@ -217,7 +217,7 @@ def test_the_opening_is_cut_out_of_the_top_of_a_box_and_not_out_of_its_walls(bac
             "part": {"length_mm": 20.0, "width_mm": 29.0},
             "tunnel": {"section": "box", "height_mm": 100.0, "width_mm": 30.0,
                        "opening_length_mm": 9.0, "opening_width_mm": 31.0},
-            "camera": {"height_mm": 800.0, "sampling_mm": 0.5},
+            "camera": {"height_mm": 800.0, "sampling_mm": 0.5, "subsampling": 1},
         }
     )  # fmt: skip
     rows, columns = station.shape

@@ -46,23 +46,6 @@ def test_vectors_add_scale_and_project(device: Device) -> None:
     close(got[6], dot(a, b), tolerances.VECTOR)
 
 
-@holds("unit_change", wrong=("-inner(unit, change), unit", "inner(unit, change), unit"))
-def test_the_change_of_a_unit_vector_is_its_derivative(device: Device) -> None:
-    d = Draws(10)
-    n = d.units() * d.scales(0.5, 900)
-    change = d.vectors()
-    size = np.sqrt(dot(n, n))
-    unit = rounded(n / size)
-    size = rounded(size)
-    inputs = {**named("u", unit), **named("c", change), "REAL size": size}
-    code = "Vector r = unit_change(vector(ux, uy, uz), size, vector(cx, cy, cz));"
-    got = stacked(device.call(REFLECTION, code, inputs, components("r")))
-    e = 1e-5 * size
-    ahead, behind = unit * size + e * change, unit * size - e * change
-    difference = ahead / np.sqrt(dot(ahead, ahead)) - behind / np.sqrt(dot(behind, behind))
-    close(got * size, difference / (2 * e) * size, tolerances.DERIVATIVE)
-
-
 @holds(
     "surface_normal",
     wrong=("vector(-s.slope_x, -s.slope_y, 1.0f)", "vector(s.slope_x, s.slope_y, 1.0f)"),
@@ -77,40 +60,6 @@ def test_the_normal_is_perpendicular_to_the_surface_and_points_up(device: Device
     close(n[0] + zx * n[2], 0 * zx, tolerances.VECTOR)
     close(n[1] + zy * n[2], 0 * zx, tolerances.VECTOR)
     assert (n[2] == 1).all()
-
-
-@holds("reflect_direction", wrong=("(incident, normal), normal)", "(incident, normal), incident)"))
-def test_the_angle_out_is_the_angle_in_and_the_three_are_coplanar(device: Device) -> None:
-    d = Draws(12)
-    i, n = d.units(), d.units()
-    n[:, 0], n[:, 1] = -i[:, 0], i[:, 1]
-    i[:, 2], n[:, 2] = np.array([0, 0, -1])[:, None], np.array([0, 0, 1])[:, None]
-    i[:, 3], n[:, 3] = np.array([1, 0, 0])[:, None], np.array([0, 0, 1])[:, None]
-    inputs = {**named("i", i), **named("n", n)}
-    code = "Vector r = reflect_direction(vector(ix, iy, iz), vector(nx, ny, nz));"
-    r = stacked(device.call(REFLECTION, code, inputs, components("r")))
-    close(dot(r, n), -dot(i, n), tolerances.VECTOR)
-    close(dot(r, r), np.ones_like(r[0]), tolerances.VECTOR)
-    close(dot(i, np.cross(n, r, axis=0)), 0 * r[0], tolerances.VECTOR)
-    # What lies in the surface goes on as it came.
-    close(np.cross(n, r, axis=0), np.cross(n, i, axis=0), tolerances.VECTOR)
-
-
-@holds("reflect_change", wrong=("inner(d_incident, normal) + inner(incident", "inner(incident"))
-def test_the_change_of_a_reflected_ray_is_its_derivative(device: Device) -> None:
-    d = Draws(13)
-    i, n, di, dn = d.units(), d.units(), d.vectors(), d.vectors()
-    inputs = {**named("i", i), **named("n", n), **named("di", di), **named("dn", dn)}
-    code = """Vector r = reflect_change(vector(ix, iy, iz), vector(nx, ny, nz),
-                                       vector(dix, diy, diz), vector(dnx, dny, dnz));"""
-    got = stacked(device.call(REFLECTION, code, inputs, components("r")))
-    e = 1e-5
-
-    def reflected(step: float) -> Array:
-        ray, normal = i + step * di, n + step * dn
-        return ray - 2 * dot(ray, normal) * normal
-
-    close(got, (reflected(e) - reflected(-e)) / (2 * e), tolerances.DERIVATIVE)
 
 
 @holds("newton_height", wrong=("(z - s.height) / (1.0f + ", "(z - s.height) / (1.0f - "))
@@ -172,29 +121,6 @@ class Hill:
         return (low + high) / 2
 
 
-@holds("surface_change", wrong=("vector(k * dx - x0 * dz / h", "vector(k * dx + x0 * dz / h"))
-def test_the_change_of_the_surface_point_is_its_derivative(device: Device) -> None:
-    d = Draws(15)
-    hill = Hill(d)
-    x0, y0, h = d.pixel(-50, 50), d.pixel(-25, 25), d.shared(300, 2000)
-    dx, dy = d.shared(-1, 1), d.shared(-1, 1)
-    rises = np.where(np.arange(d.groups) % 2 == 0, 1.0, 0.0)[:, None]
-    z = rounded(rises * hill.meet(x0, y0, h))
-    inputs = {"REAL x0": x0, "REAL y0": y0, "REAL z": z, **shared(h=h, dx=dx, dy=dy, rises=rises)}
-    fields = hill.fields(x0 * (1 - z / h), y0 * (1 - z / h))
-    inputs |= {f"REAL {name}": v for name, v in zip(FIELDS, fields, strict=True)}
-    code = SET_SURFACE + " Vector v = surface_change(s, x0, y0, z, h, dx, dy, rises);"
-    got = stacked(device.call(REFLECTION, code, inputs, components("v")))
-    e = 1e-3
-
-    def point(step: float) -> Array:
-        x, y = x0 + step * dx, y0 + step * dy
-        z = rises * hill.meet(x, y, h)
-        return np.stack([x * (1 - z / h), y * (1 - z / h), z])
-
-    close(got, (point(e) - point(-e)) / (2 * e), tolerances.DERIVATIVE)
-
-
 def rays_up(d: Draws) -> tuple[Array, Array]:
     """Points on the part and rays that go up, the first ones vertical, along x, and grazing."""
     origin = np.stack([d.pixel(-100, 100), d.pixel(-25, 25), d.pixel(-3, 3)])
@@ -250,7 +176,7 @@ def test_rays_meet_the_box_where_they_first_leave_it(device: Device) -> None:
     np.testing.assert_array_equal(normal[1], np.where(wall, np.sign(ray[1]), 0))
     np.testing.assert_array_equal(normal[2], np.where(wall, 0, 1))
     assert not normal[0].any()
-    assert 200 < wall.sum() < 1800
+    assert 0.1 < wall.mean() < 0.9
     assert (path[4] == 128).all()
     # Straight up along a wall the ceiling is met, not the wall.
     assert not wall[0].any()
@@ -307,15 +233,13 @@ def test_reflectance_is_that_of_fresnels_complex_amplitudes(device: Device) -> N
     d = Draws(20)
     cosine, n, k = d.pixel(0, 1), d.shared(0.05, 4), d.shared(0, 7)
     cosine[:, 0], cosine[:, 1], cosine[:, 2] = 0, 1, rounded(1e-3)
-    for group, (index, extinction) in enumerate(MATERIALS.values()):
+    metals = [material for material in MATERIALS.values() if material != MATERIALS["ideal"]]
+    for group, (index, extinction) in enumerate(metals):
         n[group], k[group] = rounded(index), rounded(extinction)
     k[10:60], n[10:60] = 0, d.shared(1.2, 4)[10:60]
     inputs = {"REAL cosine": cosine, **shared(n=n, k=k)}
     (got,) = device.call(REFLECTION, "REAL r = fresnel_reflectance(cosine, n, k);", inputs, ("r",))
-    ideal = (n == 0) & (k == 0)
-    expected = np.where(ideal, 1, reflectance(cosine, np.where(ideal, 2, n), k))
-    close(got, expected, tolerances.REFLECTANCE)
-    assert (got[ideal[:, 0]] == 1).all()
+    close(got, reflectance(cosine, n, k), tolerances.REFLECTANCE)
     close(got[:, 0], np.ones(d.groups), tolerances.REFLECTANCE)
 
 
@@ -419,52 +343,59 @@ WAY = (
 )
 
 
-@holds("camera_ray", wrong=("vector(x0 * k, y0 * k, z)", "vector(x0, y0 * k, z)"))
+@holds("camera_ray", wrong=("vector(x0 * c.share, y0", "vector(x0, y0"))
 def test_a_camera_ray_leads_from_the_pinhole_through_its_pixel(device: Device) -> None:
     scene = Scene(46)
     code = "CameraRay c = camera_ray(x0, y0, z, g.camera_height);" + SET_SURFACE
-    outputs = (*components("c.point"), *components("c.direction"), "c.distance")
+    outputs = (*components("c.point"), *components("c.direction"), "c.share")
     got = stacked(device.call(REFLECTION, code, scene.inputs(), outputs))
-    point, direction, distance = got[:3], got[3:6], got[6]
+    point, direction, share = got[:3], got[3:6], got[6]
     pinhole = np.stack([0 * scene.x0, 0 * scene.x0, scene.h + 0 * scene.x0])
     pixel = np.stack([scene.x0, scene.y0, 0 * scene.x0])
     seen = np.cross(pixel - pinhole, point - pinhole, axis=0) / scene.h**2
     close(seen, 0 * seen, tolerances.VECTOR)
     np.testing.assert_array_equal(point[2], scene.z)
-    close(direction * distance, point - pinhole, tolerances.VECTOR * scene.h)
-    close(dot(direction, direction), np.ones_like(distance), tolerances.VECTOR)
+    close(direction * share * scene.h, point - pinhole, tolerances.VECTOR * scene.h)
+    close(direction[2], -np.ones_like(share), tolerances.VECTOR)
 
 
-@holds("mirror_of", wrong=("m.length = sqrt(inner(upright, upright))", "m.length = upright.z"))
-def test_the_part_mirrors_a_ray_about_its_normal(device: Device) -> None:
+@holds("mirror_of", wrong=("-m.twice, m.normal", "-m.facing, m.normal"))
+def test_the_angle_out_is_the_angle_in_and_the_three_are_coplanar(device: Device) -> None:
     scene = Scene(47)
-    outputs = (*components("c.direction"), *components("m.normal"), *components("m.ray"))
+    outputs = (
+        *components("c.direction"), *components("m.normal"), *components("m.ray"), "m.facing",
+        "m.inverse_square",
+    )  # fmt: skip
     code = (
         SET_SURFACE
         + """CameraRay c = camera_ray(x0, y0, z, g.camera_height);
-        Mirror m = mirror_of(c, s); REAL scaled_z = m.normal.z * m.length;"""
+        Mirror m = mirror_of(c, s);"""
     )
-    got = stacked(device.call(REFLECTION, code, scene.inputs(), (*outputs, "scaled_z")))
-    incident, normal, ray = got[:3], got[3:6], got[6:9]
+    got = stacked(device.call(REFLECTION, code, scene.inputs(), outputs))
+    incident, normal, ray, facing, inverse_square = got[:3], got[3:6], got[6:9], got[9], got[10]
     k = 1 - scene.z / scene.h
     _, zx, zy, *_ = scene.hill.fields(scene.x0 * k, scene.y0 * k)
     close(normal[0] + zx * normal[2], 0 * zx, tolerances.VECTOR)
     close(normal[1] + zy * normal[2], 0 * zy, tolerances.VECTOR)
-    close(got[9], np.ones_like(zx), tolerances.VECTOR)
-    close(dot(normal, normal), np.ones_like(zx), tolerances.VECTOR)
+    close(inverse_square * dot(normal, normal), np.ones_like(zx), tolerances.VECTOR)
+    close(facing, dot(incident, normal), tolerances.VECTOR)
+    # The angle out is the angle in; the ray keeps its length, and what lies in the surface.
     close(dot(ray, normal), -dot(incident, normal), tolerances.VECTOR)
+    close(np.sqrt(dot(ray, ray)), np.sqrt(dot(incident, incident)), tolerances.VECTOR)
+    close(np.cross(normal, ray, axis=0), np.cross(normal, incident, axis=0), tolerances.VECTOR)
     close(dot(incident, np.cross(normal, ray, axis=0)), 0 * zx, tolerances.VECTOR)
 
 
-@holds("light_change", wrong=("moved.x + dt * m.ray.x", "moved.x"))
-def test_the_change_of_the_light_coordinate_is_its_derivative(device: Device) -> None:
+@holds("light_gradient", wrong=("turn * m.normal.x", "turn * m.ray.x"))
+def test_the_gradient_of_the_light_coordinate_is_its_derivative(device: Device) -> None:
     scene = Scene(48)
     d = Draws(49, len(scene.h))
     dx, dy = d.shared(-1, 1), d.shared(-1, 1)
     code = (
         WAY
-        + """REAL dl = light_change(g, s, c, m, hit, dx, dy);
-        REAL lost = loss_of(g, c, m, hit, met);"""
+        + """Gradient slope = light_gradient(g, s, c, m, hit);
+        REAL dl = slope.x * dx + slope.y * dy;
+        REAL lost = loss_of(g, c, m, hit, met, 0.0f * x0);"""
     )
     inputs = {**scene.inputs(), **shared(dx=dx, dy=dy)}
     got, lost = device.call(REFLECTION, code, inputs, ("dl", "lost"))
@@ -493,35 +424,97 @@ def test_a_pixel_is_seen_if_any_sub_ray_is_else_lost_for_the_largest_reason(devi
     np.testing.assert_array_equal(got, np.where((rays == 0).any(axis=0), 0, rays.max(axis=0)))
 
 
+def cumulants(places: Array, weights: Array) -> Array:
+    """Variance and fourth cumulant of a distribution about 0."""
+    weights = weights / weights.sum()
+    variance = weights @ places**2
+    return np.array([variance, weights @ places**4 - 3 * variance**2])
+
+
+@holds("two_boxes", wrong=("+ u * u / 6.0f + v * v;", "+ u * u / 2.0f + v * v;"))
+def test_two_boxes_have_the_variance_and_fourth_cumulant_of_pixel_pupil_and_roughness(
+    device: Device,
+) -> None:
+    d = Draws(50)
+    across, down, radius, spread = (d.scales(1e-3, 3) for _ in range(4))
+    across[::3], down[::4], radius[::2], spread[1::2] = 0, 0, 0, 0
+    inputs = {"REAL p": rounded(across**2), "REAL q": rounded(down**2),
+              "REAL u": rounded(3 * radius**2), "REAL v": rounded(12 * spread**2)}  # fmt: skip
+    code = "Footprint w = two_boxes(p, q, u, v);"
+    wide, narrow = stacked(device.call(REFLECTION, code, inputs, ("w.wide", "w.narrow")))
+    assert (wide >= narrow).all()
+    # Of a width of 1, a radius of 1, a standard deviation of 1, by quadrature.
+    x, weights = np.polynomial.legendre.leggauss(8)
+    box = cumulants(x / 2, weights)
+    angle = np.arange(1, 20) * np.pi / 20
+    disc = cumulants(np.cos(angle), np.sin(angle) ** 2)
+    bell = cumulants(*np.polynomial.hermite_e.hermegauss(8))
+    sizes = ((across, box), (down, box), (radius, disc), (spread, bell))
+    variance, fourth = (
+        sum(size ** (2 + 2 * i) * kernel[i] for size, kernel in sizes) for i in (0, 1)
+    )
+    seen = variance > 1e-8
+    got, expected = ((wide**2 + narrow**2) * box[0])[seen], variance[seen]
+    close(got, expected, rtol=tolerances.TWO_BOXES)
+    # Two boxes of one width are as much like a bell as two boxes can be.
+    most_like_a_bell = 2 * (variance / 2 / box[0]) ** 2 * box[1]
+    fourth = np.minimum(fourth, most_like_a_bell)[seen]
+    close((wide**4 + narrow**4)[seen] * box[1], fourth, rtol=tolerances.TWO_BOXES)
+    # The narrow one, however narrow: from the square of both widths.
+    product = (
+        np.maximum(
+            (variance / box[0]) ** 2
+            - np.minimum((sum(size**4 * kernel[1] for size, kernel in sizes)), most_like_a_bell)
+            / box[1],
+            0,
+        )[seen]
+        / 2
+    )
+    close((wide * narrow)[seen] ** 2, product, tolerances.TWO_BOXES * 1e-3 * variance[seen] ** 2,
+          rtol=tolerances.TWO_BOXES)  # fmt: skip
+
+
 @holds("loss_of", wrong=("m.ray.z <= 0.0f ? LOST_DOWN", "m.ray.z <= -2.0f ? LOST_DOWN"))
-@holds("footprint_of", wrong=("0.8660254f * g.pupil", "0.5f * g.pupil"))
-@holds("irradiance_of", wrong=("cosine * cosine * cosine * cosine", "cosine * cosine"))
+@holds(
+    "footprint_of",
+    wrong=(
+        "(g, light_gradient(g, s, c, m, hit), c,",
+        "(g, light_gradient(g, flat_surface(), c, m, hit), c,",
+    ),
+)
+@holds("irradiance_of", wrong=("1.0f / (square * square)", "1.0f / square"))
 def test_loss_footprint_and_irradiance_are_those_of_the_ray_s_path(device: Device) -> None:
     scene = Scene(21)
     code = (
         WAY
-        + """REAL lost = loss_of(g, c, m, hit, met);
-        REAL w = footprint_of(g, s, c, m, hit); REAL e = irradiance_of(g, c, m);"""
+        + """REAL lost = loss_of(g, c, m, hit, met, 0.0f * x0);
+        Footprint w = footprint_of(g, s, c, m, hit); REAL e = irradiance_of(g, c, m);"""
     )
-    light, footprint, irradiance, lost = stacked(
-        device.call(REFLECTION, code, scene.inputs(), ("met.x", "w", "e", "lost"))
+    outputs = ("met.x", "w.wide", "w.narrow", "e", "lost")
+    light, wide, narrow, irradiance, lost = stacked(
+        device.call(REFLECTION, code, scene.inputs(), outputs)
     )
     lit = lost == 0
-    check_sight(scene, light * lit, np.where(lit, footprint, 1), np.where(lit, irradiance, 0), lost)
+    widths = np.where(lit, wide, 1), np.where(lit, narrow, 0)
+    check_sight(scene, light * lit, *widths, np.where(lit, irradiance, 0), lost)
 
 
-@holds("sight", wrong=("v.footprint = (lit ? footprint : 1.0f)", "v.footprint = 1.0f"))
+@holds("sight", wrong=("sight_from(g, s, x0, y0, z, 0.0f", "sight_from(g, s, y0, y0, z, 0.0f"))
+@holds(
+    "sight_from", wrong=("v.narrow = (lit ? footprint.narrow", "v.narrow = (lit ? footprint.wide")
+)
 def test_a_ray_sees_the_light_it_meets_over_the_footprint_that_differences_give(
     device: Device,
 ) -> None:
     scene = Scene(21)
-    code = SET_SURFACE + " Sight v = sight(g, s, x0, y0, z);"
-    outputs = ("v.light", "v.footprint", "v.irradiance", "v.lost")
-    check_sight(scene, *stacked(device.call(REFLECTION, code, scene.inputs(), outputs)))
+    outputs = ("v.light", "v.wide", "v.narrow", "v.irradiance", "v.lost")
+    for call in ("sight(g, s, x0, y0, z,", "sight_from(g, s, x0, y0, z, 0.0f, 0.0f,"):
+        code = f"{SET_SURFACE} Sight v = {call} 0.0f * x0);"
+        check_sight(scene, *stacked(device.call(REFLECTION, code, scene.inputs(), outputs)))
 
 
 def check_sight(
-    scene: Scene, light: Array, footprint: Array, irradiance: Array, lost: Array
+    scene: Scene, light: Array, wide: Array, narrow: Array, irradiance: Array, lost: Array
 ) -> None:
     """Hold what rays see against the same rays followed without the functions' formulas."""
     paths = scene.follow(scene.x0, scene.y0)
@@ -550,7 +543,7 @@ def check_sight(
 
     seen = lost == 0
     assert seen.mean() > 0.3
-    for value, blind in ((light, 0), (footprint, 1), (irradiance, 0)):
+    for value, blind in ((light, 0), (wide, 1), (narrow, 0), (irradiance, 0)):
         assert (value[~seen] == blind).all()
 
     # Where the ray hardly rises, path and light grow beyond all bounds, and their error with them.
@@ -559,20 +552,27 @@ def check_sight(
 
     p = scene.sampling / scene.sub
     e = 1e-3
-    square = np.zeros_like(light)
+    square, fourth = np.zeros((2, *light.shape))
     smooth = seen.copy()
     for dx, dy in ((e, 0.0), (0.0, e)):
         ahead = scene.follow(scene.x0 + dx, scene.y0 + dy)
         behind = scene.follow(scene.x0 - dx, scene.y0 - dy)
         smooth &= ahead["wall"] == behind["wall"]
-        square += ((ahead["light"][0] - behind["light"][0]) / (2 * e) * p) ** 2
-    # The box of the variance of a uniform disc (D^2/16), and of a tilt of 2 alpha rms.
-    square += 12 * (scene.pupil / 4 * paths["path"] / paths["distance"]) ** 2
-    square += 12 * (2 * scene.rough * paths["path"]) ** 2
+        change = (ahead["light"][0] - behind["light"][0]) / (2 * e) * p
+        square += change**2
+        fourth += change**4
+    # Variance and fourth cumulant of a box are w^2/12 and -w^4/120; of a disc seen edge-on, r^2/4
+    # and -r^4/16; of a tilt of 2 alpha rms the fourth is none.
+    radius = scene.pupil / 2 * paths["path"] / paths["distance"]
+    square += 12 * radius**2 / 4 + 12 * (2 * scene.rough * paths["path"]) ** 2
+    fourth += 120 * radius**4 / 16
     assert smooth.sum() > 0.99 * seen.sum()
     steep = 1 + 0.01 * reach
-    close((footprint / np.maximum(np.sqrt(square), 1e-4))[smooth], np.ones(smooth.sum()),
-          (tolerances.FOOTPRINT * steep)[smooth])  # fmt: skip
+    limit = (2 * tolerances.FOOTPRINT * steep)[smooth]
+    square, product = np.maximum(square, 1e-8), np.maximum((square**2 - fourth) / 2, 0)
+    close(((wide**2 + narrow**2) / square)[smooth], np.ones(smooth.sum()), limit)
+    share = np.minimum(np.sqrt(product) / square, 0.5)
+    close((wide * narrow / square)[smooth], share[smooth], limit)
 
     field = np.arctan(np.hypot(scene.x0, scene.y0) / scene.h)
     vignetting = np.where(scene.cos4 == 1, np.cos(field) ** 4, 1)

@@ -36,11 +36,13 @@ def listed(name: str, function: str, rows: Array) -> str:
     return " ".join([*lines, "return r; }"])
 
 
-def relief_headers(grooves: Array, maps: Array, maps_count: int = 0) -> tuple[str, ...]:
+def relief_headers(grooves: Array, maps: Array, mixed: bool = False) -> tuple[str, ...]:
     """What a program needs of relief.h, with these records, the grooves listed from the last on."""
+    define = "#define MIXED_BLOCKS" if mixed else ""
     coefficient = """DEVICE REAL coefficient_at(COUNTER at) {
         return (TO_REAL((at * 37u) % 101u) - 50.0f) * 1e-4f; }"""
-    lists = f"""STRUCT(Lists) {{ int maps; }};
+    lists = f"""{define}
+STRUCT(Lists) {{ int maps; int blocks; int first[2]; int last[2]; MASK mine[2]; }};
 {listed("Groove", "groove_at", grooves)}
 {listed("Map", "map_at", maps)}
 {coefficient}
@@ -118,6 +120,119 @@ def test_grooves_of_different_defects_add_and_of_one_the_nearest_piece_counts(
     e = 1e-5
     slopes = np.stack([height(e) - height(-e), height(0, e) - height(0, -e)]) / (2 * e)
     assert np.quantile(np.abs(got[1:3] - slopes), 0.99) < tolerances.GROOVES_MM / sigma.min()
+
+
+@holds(
+    "mixed_grooves_at",
+    wrong=("s.height = mine ? with.height : s.height", "s.height = with.height"),
+)
+def test_neighbours_of_different_blocks_have_the_grooves_of_their_own(device: Device) -> None:
+    d = Draws(53)
+    rows = struct(
+        "Groove", 6, column=d.rng.uniform(990, 1010, (6, 1)).round(), row=1000.0,
+        height=d.rng.uniform(0.01, 0.03, (6, 1)), inverse_variance=4.0,
+        defect=np.arange(6)[:, None],
+    )  # fmt: skip
+    column, row = (np.floor(1000 + d.pixel(-9, 9)) for _ in "xy")
+    inputs = {"REAL column": column, "REAL row": row}
+    code = (
+        "REAL shift_x = 0.0f; REAL shift_y = 0.0f;"
+        + PLACE
+        + """
+        lists.blocks = 2; lists.first[0] = 0; lists.last[0] = 2; lists.first[1] = 2;
+        lists.last[1] = 6; lists.mine[0] = column < 1000.0f; lists.mine[1] = column >= 1000.0f;
+        Surface a = grooves_at(flat_surface(), lists, 0, 2, place, 0.1f);
+        Surface b = grooves_at(flat_surface(), lists, 2, 6, place, 0.1f);
+        Surface s = mixed_grooves_at(flat_surface(), lists, place, 0.1f);"""
+    )
+    fields = [field.removeprefix("s.") for field in SURFACE_FIELDS]
+    outputs = [f"{name}.{field}" for name in "abs" for field in fields]
+    first, second, got = np.split(
+        stacked(device.call(relief_headers(rows, NO_MAP, mixed=True), code, inputs, outputs)), 3
+    )
+    assert np.ptp(first) > 0
+    # Two programs' texts of one sum round differently on Mesa.
+    close(got, np.where(column < 1000, first, second), rtol=4 * tolerances.FLOAT_ROUNDING)
+
+
+def chips_and_burrs() -> tuple[Array, Array, Array, Array]:
+    """Five edge defects as records, their middles, axes along and depths; and then a groove."""
+    rng = np.random.default_rng(54)
+    middle, along = rng.uniform(-2, 2, (5, 2)), rng.uniform(-2, 2, (5, 2))
+    depth = rng.uniform(0.3, 1.2, 5)
+    inverse = 1 / np.hypot(*along.T)
+    edges = struct(
+        "Groove", 5,
+        column=np.floor(1000 + middle[:, :1] / 0.125), row=np.floor(1000 - middle[:, 1:] / 0.125),
+        column_fraction=0.5, row_fraction=0.25, along_x=along[:, :1], along_y=along[:, 1:],
+        inverse_square=inverse[:, None] ** 2, inverse_length=inverse[:, None],
+        inverse_variance=1 / depth[:, None] ** 2, outline=np.array([1, -1, 1, -1, 1])[:, None],
+    )  # fmt: skip
+    groove = struct("Groove", 1, column=1000.0, row=1000.0, height=0.01, inverse_variance=1.0)
+    middle = np.stack(
+        [(edges[:, 0] + 0.5 - 1000) * 0.125, (1000 - edges[:, 1] - 0.25) * 0.125], axis=1
+    )
+    return np.concatenate([edges, groove]), middle, along, depth
+
+
+@holds("in_ellipse", wrong=("u * u + (off_x", "u * u * u * u + (off_x"))
+@holds("outline_at", wrong=("edge.outline == 0.0f", "edge.outline <= 0.0f"))
+def test_what_is_in_a_chip_is_beside_the_part_and_in_a_burr_of_it(device: Device) -> None:
+    rows, middle, along, depth = chips_and_burrs()
+    d = Draws(55)
+    column, row = (np.floor(1000 + d.pixel(-4, 4) / 0.125) for _ in "xy")
+    shift_x, shift_y = d.pixel(-0.1, 0.1), d.pixel(-0.1, 0.1)
+    inputs = {"REAL column": column, "REAL row": row, "REAL shift_x": shift_x,
+              "REAL shift_y": shift_y}  # fmt: skip
+    code = (
+        PLACE
+        + """REAL said = outline_at(lists, 0, 6, place, 0.125f);
+        Groove first = GROOVE(lists, 0); MASK inside = in_ellipse(place.shift_x, shift_y, first);
+        REAL alone = inside ? TO_REAL(place.column) : 0.0f * shift_x;"""
+    )
+    said, alone = device.call(relief_headers(rows, NO_MAP), code, inputs, ("said", "alone"))
+    x = (column + 0.25 - 1000) * 0.125 + shift_x
+    y = (1000 - row - 0.75) * 0.125 + shift_y
+
+    def square(i: int, x: Array, y: Array) -> Array:
+        angle = np.arctan2(along[i, 1], along[i, 0])
+        u = (x * np.cos(angle) + y * np.sin(angle)) / np.hypot(*along[i])
+        v = (y * np.cos(angle) - x * np.sin(angle)) / depth[i]
+        return u**2 + v**2
+
+    away = np.stack([square(i, x - middle[i, 0], y - middle[i, 1]) for i in range(5)])
+    # Listed from the last on: the groove, then the edge defects; the first of the list says.
+    expected = np.zeros(x.shape)
+    for i in range(5):
+        expected = np.where(away[i] < 1, rows[i, -1], expected)
+    clear = (np.abs(away - 1) > 1e-4).all(axis=0)
+    assert clear.mean() > 0.99
+    assert set(np.unique(expected[clear])) == {-1.0, 0.0, 1.0}
+    np.testing.assert_array_equal(said[clear], expected[clear])
+    np.testing.assert_array_equal(alone != 0, square(0, shift_x, shift_y) < 1)
+
+
+@holds("mixed_outline_at", wrong=("lists.mine[i] ? says : said", "lists.mine[i] ? said : says"))
+def test_neighbours_of_different_blocks_have_the_outline_of_their_own(device: Device) -> None:
+    rows, *_ = chips_and_burrs()
+    d = Draws(56)
+    column, row = (np.floor(1000 + d.pixel(-20, 20)) for _ in "xy")
+    inputs = {"REAL column": column, "REAL row": row}
+    code = (
+        "REAL shift_x = 0.0f; REAL shift_y = 0.0f;"
+        + PLACE
+        + """
+        lists.blocks = 2; lists.first[0] = 0; lists.last[0] = 3; lists.first[1] = 3;
+        lists.last[1] = 6; lists.mine[0] = column < 1000.0f; lists.mine[1] = column >= 1000.0f;
+        REAL a = outline_at(lists, 0, 3, place, 0.125f);
+        REAL b = outline_at(lists, 3, 6, place, 0.125f);
+        REAL both = mixed_outline_at(lists, place, 0.125f);"""
+    )
+    headers = relief_headers(rows, NO_MAP, mixed=True)
+    first, second, got = stacked(device.call(headers, code, inputs, ("a", "b", "both")))
+    assert np.ptp(first) > 0
+    assert (first != second).any()
+    np.testing.assert_array_equal(got, np.where(column < 1000, first, second))
 
 
 def grid() -> tuple[Array, Array, float]:
@@ -218,10 +333,12 @@ def test_a_sub_ray_sees_what_its_pixel_s_place_on_the_part_sees(device: Device) 
               "REAL y0": y0, "REAL z": z}  # fmt: skip
     code = f"""Lists lists; lists.maps = 0; REAL k = 1.0f - z / g.camera_height;
         Sight v = sub_ray(g, lists, 0, 0, column, row, {index});
-        Sight w = sight(g, crown(x0 * k, y0 * k, g.curvature_x, g.curvature_y), x0, y0, z);"""
-    outputs = [f"{v}.{name}" for v in "vw" for name in ("light", "footprint", "lost")]
+        Surface s = crown(x0 * k, y0 * k, g.curvature_x, g.curvature_y);
+        Sight w = sight(g, s, x0, y0, z, 0.0f * x0);"""
+    outputs = [f"{v}.{name}" for v in "vw" for name in ("light", "wide", "narrow", "lost")]
     got = stacked(device.call(relief_headers(NO_GROOVE, NO_MAP), code, inputs, outputs))
-    seen = (got[2] == 0) & (got[5] == 0)
+    seen = (got[3] == 0) & (got[7] == 0)
     assert seen.mean() > 0.9
-    close(got[0][seen], got[3][seen], 1e-3)
-    close(got[1][seen], got[4][seen], rtol=tolerances.FOOTPRINT)
+    close(got[0][seen], got[4][seen], 1e-3)
+    for width in (1, 2):
+        close(got[width][seen], got[4 + width][seen], rtol=tolerances.FOOTPRINT)

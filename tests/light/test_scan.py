@@ -14,12 +14,13 @@ from laws import (
     holds,
     overlap,
     rounded,
+    shared,
     stacked,
     struct,
 )
 
-PIXEL = """Pixels px; px.sub_rays = 3; px.light = light; px.footprint = footprint;
-    px.irradiance = irradiance;"""
+PIXEL = """Pixels px; px.sub_rays = 3; px.first.light = light; px.first.wide = wide;
+    px.first.narrow = narrow; px.first.irradiance = irradiance;"""
 
 
 class Scanned:
@@ -41,10 +42,11 @@ class Scanned:
             lag=2.0,
             pairs=np.where(np.arange(d.groups) % 2, images, images - 2)[:, None],
         )
-        self.light, self.footprint = d.pixel(-20, 20), d.pixel(0.5, 30)
+        self.light, self.wide = d.pixel(-20, 20), d.pixel(0.5, 30)
+        self.narrow = rounded(self.wide * d.pixel(0, 1))
         self.irradiance = d.pixel(0.2, 1)
         self.inputs = {
-            "REAL light": self.light, "REAL footprint": self.footprint,
+            "REAL light": self.light, "REAL wide": self.wide, "REAL narrow": self.narrow,
             "REAL irradiance": self.irradiance, "Design d": self.design,
         }  # fmt: skip
 
@@ -55,7 +57,7 @@ class Scanned:
         total = np.zeros_like(self.light)
         for i in range(3):
             light = (self.light + 0.75 * i) * per_mm - k * step
-            lit = overlap(light, self.footprint * per_mm, a)
+            lit = overlap(light, self.wide * per_mm, self.narrow * per_mm, a)
             total += gain * self.irradiance / 3 * (leak + (1 - leak) * lit)
         return total
 
@@ -63,8 +65,8 @@ class Scanned:
         return np.stack([255 * np.minimum(self.signal(k), 1) for k in range(self.images)])
 
 
-@holds("exposed_at", wrong=("ray.irradiance, px.sub_rays)", "ray.irradiance, 1)"))
-@holds("signal_of", wrong=("signal += at_shift(", "signal = at_shift("))
+@holds("exposed_at", wrong=("RAY(px, i), px.sub_rays)", "RAY(px, i), 1)"))
+@holds("signal_of", wrong=("signal += EXPOSED_AT(", "signal = EXPOSED_AT("))
 @holds("signals_from", wrong=("shift_of(d, first + j)", "shift_of(d, j)"))
 def test_the_signals_of_images_are_the_sums_of_their_sub_rays(device: Device) -> None:
     s = Scanned(60)
@@ -80,7 +82,7 @@ def test_the_signals_of_images_are_the_sums_of_their_sub_rays(device: Device) ->
     a, per_mm, leak, gain = design_of(
         s.design, "luminous_share", "periods_per_mm", "dark_leak", "exposure"
     )
-    lit = overlap((s.light + 0.75) * per_mm, s.footprint * per_mm, a)
+    lit = overlap((s.light + 0.75) * per_mm, s.wide * per_mm, s.narrow * per_mm, a)
     close(one, gain * s.irradiance / 3 * (leak + (1 - leak) * lit), atol=tolerances.EXPOSED_RAY)
 
 
@@ -131,3 +133,57 @@ def test_images_are_fused_one_by_one_without_cancelling(device: Device) -> None:
     np.testing.assert_array_equal(low, images.min(axis=0))
     close(deviation, images.std(axis=0), 4 * 65_000 * tolerances.FLOAT_ROUNDING)
     assert (difference == 2).all()
+
+
+@holds("sum_of_images", wrong=("part += min(at_shift", "part = min(at_shift"))
+@holds("mean_of_ray", wrong=("bright += end - all", "bright += end - all + 1"))
+def test_images_that_are_only_counted_are_those_in_which_a_pixel_does_not_change(
+    device: Device,
+) -> None:
+    """mean_of_ray( and sum_of_images( against every image, one by one, on the same device."""
+    d = Draws(63)
+    n = d.groups
+    images = np.floor(d.scales(1, 300, True))
+    design = struct(
+        "Design", n,
+        luminous_share=d.shared(0.03, 0.97), images=images, full_scale=255.0,
+        step=np.where(d.shared(0, 1) < 0.5, 1 / images, d.scales(1e-3, 3, True)),
+        dark_leak=np.where(d.shared(0, 1) < 0.5, 0, d.shared(0, 0.5)),
+    )  # fmt: skip
+    # Neighbours see nearly the same; some groups anything.
+    light = np.where(d.shared(0, 1) < 0.8, d.shared(-3, 3) + d.pixel(0, 0.08), d.pixel(-3, 3))
+    wide = d.scales(1e-4, 0.7, True) * d.pixel(0.9, 1.1)
+    inputs = {
+        "REAL light": light, "REAL wide": wide, "REAL narrow": wide * d.shared(0, 1),
+        "REAL irradiance": d.pixel(0, 1) * (d.pixel(0, 1) < 0.95), "Design d": design,
+        **shared(gain=d.shared(0.5, 8)),
+    }  # fmt: skip
+    code = """Trapezoid t = exposed(lit_fraction(light, wide, narrow, d.luminous_share), irradiance,
+                                    gain, d.dark_leak);
+        int images = INT(d.images);
+        REAL mean = mean_of_ray(d, t), sum = sum_of_images(d, t, 0, images), each = 0.0f;
+        REAL steepest = t.slope;
+        for (int k = 0; k < images; k++) each += min(at_shift(t, shift_of(d, k)), 1.0f);"""
+    mean, total, each, slope = stacked(
+        device.call(SCAN, code, inputs, ("mean", "sum", "each", "steepest"))
+    )
+    # Where a side passes, a shift's last bit is worth as much as the side is steep.
+    shift = images * np.maximum(design[:, 4:5], 1 / images)
+    limit = tolerances.FLOAT_ROUNDING * (4 + images**0.5 + slope * (shift + 2))
+    close(total / images, each / images, limit)
+    close(mean, each / images, limit)
+
+
+@holds("image_from", wrong=("-floor(-shift / d.step)", "floor(shift / d.step)"))
+def test_a_side_begins_to_pass_in_the_first_image_whose_shift_is_not_below_it(
+    device: Device,
+) -> None:
+    d = Draws(64)
+    design = struct("Design", d.groups, step=2.0 ** -np.floor(d.shared(1, 9)))
+    step = design_of(design, "step")[0]
+    shift = np.floor(d.shared(-20, 300)) * step / 2  # halves: between two images, or on one
+    code = "REAL zero = 0.0f, k = zero + FLOAT(image_from(d, shift, 3, 90));"
+    (got,) = device.call(SCAN, code, {"Design d": design, **shared(shift=shift)}, ("k",))
+    np.testing.assert_array_equal(
+        got, np.broadcast_to(np.clip(np.ceil(shift / step), 3, 90), got.shape)
+    )

@@ -31,7 +31,7 @@ def test_random_words_are_pcg4d(device: Device) -> None:
     counters = rng.integers(0, 2**32, (4, 64, LANES), np.uint32)
     extremes = np.array([0, 1, 2, 2**31 - 1, 2**31, 2**32 - 1, 2**16, 12345], np.uint32)
     for axis in range(4):
-        counters[axis, axis] = extremes
+        counters[axis, axis] = np.resize(extremes, LANES)
         counters[axis, 8:16] = extremes[rng.integers(0, 8, (8, LANES))]
     inputs = {f"COUNTER {n}": v for n, v in zip("xyzw", counters, strict=True)}
     outputs = [f"COUNTER r.{n}" for n in "abcd"]
@@ -43,7 +43,7 @@ def test_random_words_are_pcg4d(device: Device) -> None:
 @holds("uniform_number", wrong=("+ 0.5f) * 1.1920929e-7f", ") * 1.1920929e-7f"))
 def test_uniform_numbers_are_the_middles_of_equal_steps(device: Device) -> None:
     word = np.random.default_rng(27).integers(0, 2**32, (GROUPS, LANES), np.uint32)
-    word[0] = 0, 511, 512, 2**31, 2**31 - 1, 2**32 - 1, 2**32 - 512, 2**32 - 513
+    word[0, :8] = 0, 511, 512, 2**31, 2**31 - 1, 2**32 - 1, 2**32 - 512, 2**32 - 513
     (got,) = device.call(SENSOR, "REAL u = uniform_number(word);", {"COUNTER word": word}, ("u",))
     np.testing.assert_array_equal(got, ((word >> 9) + 0.5) / 2**23)
     assert got.min() > 0

@@ -63,8 +63,43 @@ def test_a_crown_is_two_circles_with_their_slopes_and_curvatures(device: Device)
     assert not got[4].any()
 
 
+@holds("sphere", wrong=("more * x * y;", "0.5f * more * x * y;"))
+def test_a_sphere_has_the_slopes_and_curvatures_of_its_heights(device: Device) -> None:
+    d = Draws(3)
+    x, y = d.pixel(-60, 60), d.pixel(-25, 25)
+    c = rounded(np.where(d.shared(0, 1) < 0.5, -1, 1) / d.scales(150, 1e7, True))
+    c[:5] = 0
+    inputs = {"REAL x": x, "REAL y": y, **shared(c=c)}
+    got = stacked(device.call(SURFACE, "Surface s = sphere(x, y, c);", inputs, SURFACE_FIELDS))
+    e = 1e-3
+
+    def z(dx: int, dy: int) -> Array:
+        return sagitta(np.hypot(x + dx * e, y + dy * e), c)
+
+    slopes = [(z(1, 0) - z(-1, 0)) / (2 * e), (z(0, 1) - z(0, -1)) / (2 * e)]
+    mixed = (z(1, 1) - z(1, -1) - z(-1, 1) + z(-1, -1)) / (4 * e**2)
+    curves = [(z(1, 0) - 2 * z(0, 0) + z(-1, 0)) / e**2, mixed,
+              (z(0, 1) - 2 * z(0, 0) + z(0, -1)) / e**2]  # fmt: skip
+    close(got[0], z(0, 0), rtol=tolerances.CROWN)
+    close(got[1:3], slopes, tolerances.SLOPE_DIFFERENCE, tolerances.CROWN)
+    close(got[3:], curves, tolerances.CURVE_DIFFERENCE, tolerances.CROWN)
+
+
+@holds("shape_at", wrong=("g.spherical > 0.0f", "g.spherical < 0.0f"))
+def test_a_part_is_a_sphere_or_a_crown(device: Device) -> None:
+    d = Draws(4)
+    x, y = d.pixel(-60, 60), d.pixel(-25, 25)
+    inputs = {"REAL x": x, "REAL y": y, **shared(c=rounded(1 / d.scales(150, 1e4, True)))}
+    for spherical, same in ((1, "sphere(x, y, c)"), (0, "crown(x, y, c, 2.0f * c)")):
+        set_up = f"""Geometry g; g.spherical = {spherical}.0f; g.curvature_x = c;
+            g.curvature_y = 2.0f * c; Surface s = shape_at(g, x, y);"""
+        got = device.call(SURFACE, set_up, inputs, SURFACE_FIELDS)
+        expected = device.call(SURFACE, f"Surface s = {same};", inputs, SURFACE_FIELDS)
+        assert np.array_equal(stacked(got), stacked(expected))
+
+
 def test_beyond_its_circle_a_crown_stays_finite(device: Device) -> None:
-    x = rounded([[0, 9.99, 10, 10.01, 20, -10, -1e3, 1e4]])
+    x = rounded([np.resize([0, 9.99, 10, 10.01, 20, -10, -1e3, 1e4], LANES)])
     inputs = {"REAL x": x, **shared(c=rounded([[0.1]]))}
     outputs = device.call(SURFACE, "Surface s = crown(x, x, c, c);", inputs, SURFACE_FIELDS)
     assert np.isfinite(stacked(outputs)).all()

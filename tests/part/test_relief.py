@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scenes
 from scenes import members, part_with
 from tolerances import DEVICE_DN, FLOAT_ROUNDING, FOOTPRINT_SHARE, LIGHT_MM, RECORD_PX, VOLUME
 
@@ -32,20 +33,12 @@ DEFECTS = [
 ]  # fmt: skip
 
 SURFACES: dict[str, dict[str, Any]] = {
-    "flat": {},
-    "orientation only": {"part.crown_radius_x_mm": 35.0},
-    "crowned": {
-        "part.surface": "height", "part.crown_radius_x_mm": 300.0, "part.crown_radius_y_mm": 90.0,
-    },
-    "hollow": {
-        "part.surface": "height", "part.crown_radius_y_mm": -30.0, "camera.height_mm": 200.0,
-    },
+    **scenes.SURFACES,
     "steep, near the camera": {
         "part.surface": "height", "part.crown_radius_y_mm": 26.0, "part.crown_radius_x_mm": 60.0,
         "camera.height_mm": 60.0,
     },
     "a piece of the part": {"camera.rows": 50, "camera.columns": 70},
-    "wider than the part": {"camera.rows": 301, "camera.columns": 333},
     "smaller than a block": {"camera.rows": 5, "camera.columns": 3},
     "sub-rays": {"camera.subsampling": 4, "camera.sampling_mm": 1.0},
 }  # fmt: skip

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scenes
 from maps import grid, pit, write_sur
 from scenes import part_with
 from tolerances import PIT_DEPTH, PIT_SIZE_PITCHES, SEEN_POINT_MM, SMALL_ZONE_AREA, ZONE_AREA
@@ -29,15 +30,8 @@ DEFECTS = [
 ]  # fmt: skip
 
 SURFACES: dict[str, dict[str, Any]] = {
-    "flat": {},
+    **scenes.SURFACES,
     "coarse": {"camera.sampling_mm": 1.3},
-    "orientation only": {"part.crown_radius_x_mm": 35.0},
-    "crowned": {
-        "part.surface": "height", "part.crown_radius_x_mm": 300.0, "part.crown_radius_y_mm": 90.0,
-    },
-    "hollow": {
-        "part.surface": "height", "part.crown_radius_y_mm": -30.0, "camera.height_mm": 200.0,
-    },
     "hollow, near the camera": {
         "part.surface": "height", "part.crown_radius_y_mm": -26.0, "camera.height_mm": 40.0,
         "camera.rows": 600, "camera.columns": 600,
@@ -46,7 +40,6 @@ SURFACES: dict[str, dict[str, Any]] = {
         "part.surface": "height", "part.crown_radius_y_mm": 26.0, "camera.height_mm": 60.0,
     },
     "a piece of the part": {"camera.rows": 60, "camera.columns": 130},
-    "wider than the part": {"camera.rows": 301, "camera.columns": 333},
     "one pixel": {"camera.rows": 1, "camera.columns": 1},
 }  # fmt: skip
 

@@ -399,8 +399,8 @@ def test_the_animation_shows_the_image_in_grey(reduced: Result) -> None:
 
 @pytest.mark.slow
 def test_every_file_of_a_run_is_written(reduced: Result, tmp_path) -> None:
-    for name, write in PICTURES.items():
-        write(reduced, tmp_path / name)
+    for name, draw in PICTURES.items():
+        draw(reduced)(tmp_path / name)
         with Image.open(tmp_path / name) as image:
             assert image.format == name.rpartition(".")[2].upper()
 

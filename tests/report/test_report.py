@@ -180,6 +180,13 @@ def test_the_score_is_complete_and_says_where_it_was_made(result, written):
     assert score["score"]["p1"] == result.score.p1
     assert score["score"]["p2"] == result.score.p2
     assert sum(score["classes"].values()) == len(result.blobs)
+    refined = result.light_map.traced.sides_needed()
+    assert score["refined"] == {
+        "pixels": (refined > 1).sum(),
+        "sub_rays": (refined[refined > 1].astype(int) ** 2).sum(),
+        **{str(side): (refined == side).sum() for side in (2, 4, 8)},
+    }
+    assert score["refined"]["pixels"] > 0
     rows = score["confusion"]
     assert [list(line.values()) for line in rows.values()] == result.confusion.counts.tolist()
 
@@ -296,7 +303,9 @@ def test_a_run_cut_short_leaves_all_as_it_was(
     result, tmp_path, monkeypatch, failure, error, name, existing
 ):
     for picture in figures.PICTURES:
-        monkeypatch.setitem(figures.PICTURES, picture, lambda _, path: path.write_text("drawn"))
+        monkeypatch.setitem(
+            figures.PICTURES, picture, lambda _: lambda path: path.write_text("drawn")
+        )
     monkeypatch.setitem(figures.PICTURES, name, failure)
     folder = tmp_path / "deep" / "run"
     if existing:
@@ -304,7 +313,7 @@ def test_a_run_cut_short_leaves_all_as_it_was(
         (folder / "notes.txt").write_text("mine", encoding="utf-8")
         before = content(folder)
     with pytest.raises(error):
-        write(result.__class__(**{**result.__dict__, "warnings": ("another run",)}), folder)
+        write(replace(result, warnings=("another run",)), folder)
     if existing:
         assert content(folder) == before
     else:
@@ -320,6 +329,15 @@ def test_a_full_disk_is_said_with_what_to_do(result, tmp_path, monkeypatch):
         f"results cannot be written to {tmp_path / 'run'}: No space left on device. Free some "
         f"space or choose another folder with -o; nothing half-written was left."
     )
+
+
+def test_a_picture_that_cannot_be_written_is_said_too(result, tmp_path, monkeypatch):
+    """It is compressed and written beside the drawing, in another thread."""
+    monkeypatch.setitem(figures.PICTURES, "station.png", lambda _: full_disk)
+    with pytest.raises(OutputError, match="No space left on device"):
+        write(result, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+    assert not hidden(tmp_path)
 
 
 def test_a_short_write_of_numpy_is_said_as_a_full_disk(tmp_path):
@@ -464,7 +482,7 @@ def test_an_output_never_replaces_an_input(result, tmp_path, way, force):
         else:
             (target / "station.toml").hardlink_to(file)
     before = file.read_bytes()
-    found = result.__class__(**{**result.__dict__, "station": Station.read(file)})
+    found = replace(result, station=Station.read(file))
     said = "is read here" if force or way == "plain" else "is read here|not written by gpuspec"
     with pytest.raises(OutputError, match=said):
         write(found, target, pictures=False, force=force)

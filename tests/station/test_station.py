@@ -112,12 +112,15 @@ def test_the_json_schema_explains_every_key():
 
 def test_every_length_in_the_schema_carries_its_unit():
     bare = {"low", "high", "median", "spread", "taper", "exposure", "prnu", "dark_leak",
-            "threshold", "elongation_min", "elongation_max", "vary", "height_scale"}  # fmt: skip
+            "threshold", "elongation_min", "elongation_max", "vary", "height_scale",
+            "f_number", "diffuse", "profile", "profile_gamma", "of_more_than", "of",
+            "split"}  # fmt: skip
     schema = Station.model_json_schema()
     for table in schema["$defs"].values():
         for key, node in schema_properties(schema, table).items():
             if '"type": "number"' in json.dumps(node):
-                units = ("_mm", "_um", "_rad", "_e", "_dn", "_mm2", "_cm2")
+                units = ("_mm", "_um", "_rad", "_e", "_dn", "_mm2", "_cm2", "_lp_per_mm", "_deg",
+                         "_nm", "_hz", "_e_per_s")  # fmt: skip
                 assert key.endswith(units) or key in bare, key
 
 

@@ -22,7 +22,7 @@ WRONG = {
     "infinite": ("[part]\nwidth_mm = -inf", "part.width_mm = -inf must be a finite number."),
     "zero": ("[tunnel]\nluminous_mm = 0", "tunnel.luminous_mm = 0 must be greater than 0."),
     "negative": ("[camera]\npupil_mm = -0.5", "camera.pupil_mm = -0.5 must be at least 0."),
-    "too large": ("[camera]\nsubsampling = 17", "camera.subsampling = 17 must be at most 16."),
+    "too large": ("[part]\nroughness_rad = 1", "part.roughness_rad = 1 must be at most 0.2."),
     "not below": ("[tunnel]\ndark_leak = 1", "tunnel.dark_leak = 1 must be less than 1."),
     "text for a number": ('[part]\nlength_mm = "9"', 'part.length_mm = "9" must be a number.'),
     "bool for a number": ("[part]\nlength_mm = true", "part.length_mm = true must be a number."),
@@ -68,16 +68,23 @@ WRONG = {
     ),
     "threshold of another word": (
         '[segmentation]\nthreshold = "Auto"',
-        "segmentation.threshold = \"Auto\" must be 'auto', or must be a number.",
+        "segmentation.threshold = \"Auto\" must be 'auto', or a number from 0 to 65535.",
     ),
     "threshold below zero": (
         "[segmentation]\nthreshold = -1",
-        "segmentation.threshold = -1 must be 'auto', or must be at least 0.",
+        "segmentation.threshold = -1 must be 'auto', or a number from 0 to 65535.",
     ),
     "threshold NaN": (
         "[segmentation]\nthreshold = nan",
-        "segmentation.threshold = nan must be 'auto', or must be a finite number.",
+        "segmentation.threshold = nan must be 'auto', or a number from 0 to 65535.",
     ),
+    **{
+        f"sub-rays {value}": (
+            f"[camera]\nsubsampling = {value}",
+            f"camera.subsampling = {value} must be 'auto', or a whole number from 1 to 16.",
+        )
+        for value in ('"automatic"', "0", "17", "true", "1.5", "nan", "[2]")
+    },
     "section as a number": ("part = 3", "part = 3 must be a table."),
     "section as a date": ("part = 1979-05-27", "part = 1979-05-27 must be a table."),
     "relief as a number": ("[part]\nrelief = 3", "part.relief = 3 must be a table."),
@@ -122,13 +129,14 @@ WRONG = {
     ),
     "unknown key with nothing near": (
         "xyz = 1",
-        "xyz is not a known key; known here are camera, classes, defects, part, populations, "
-        "segmentation, sensor, sequence, sweep, tunnel.",
+        "xyz is not a known key; known here are camera, classes, dataset, decision, defects, "
+        "edges, part, populations, segmentation, sensor, sequence, sweep, tolerance, tunnel.",
     ),
     "unknown key of two lines": (
         '[part]\n"a\\nb" = 1',
         'part."a\\nb" is not a known key; known here are crown_radius_x_mm, crown_radius_y_mm, '
-        "length_mm, material, relief, roughness_rad, surface, width_mm.",
+        "diffuse, length_mm, material, mesh, orange_peel, pose, relief, roughness_rad, "
+        "sphere_radius_mm, surface, waviness, width_mm.",
     ),
     "missing key": (DENT.replace("y_mm = 2\n", ""), "defects[1].y_mm is missing."),
     "missing file": ("[part.relief]", "part.relief.file is missing."),

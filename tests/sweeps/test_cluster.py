@@ -157,7 +157,7 @@ def dask_process(which: str, *arguments: object, cwd: Path) -> Iterator[subproce
         yield process
     finally:
         process.terminate()
-        process.wait(20)
+        process.wait(DEADLINE_S)
 
 
 @contextmanager
@@ -165,7 +165,7 @@ def scheduler_process(folder: Path) -> Iterator[tuple[str, subprocess.Popen[str]
     file = folder / "scheduler.json"
     arguments = ("--host", "127.0.0.1", "--port", 0, "--scheduler-file", file)
     with dask_process("scheduler", *arguments, cwd=folder) as process:
-        deadline = time.monotonic() + 20
+        deadline = time.monotonic() + DEADLINE_S
         while not file.exists() and time.monotonic() < deadline:
             time.sleep(0.1)
         yield json.loads(file.read_text())["address"], process
@@ -256,16 +256,16 @@ def test_ctrl_c_ends_workers_without_a_traceback(folder: Path) -> None:
         [*PROGRAM, *arguments], cwd=folder, start_new_session=True, text=True,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + DEADLINE_S
     while not list(folder.glob("sweep/designs/part-*")) and time.monotonic() < deadline:
         time.sleep(0.05)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal sends it: to the workers, too
-    _, err = process.communicate(timeout=20)
+    _, err = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 130
     assert "Traceback" not in err
     assert err.endswith("stopped; nothing half-written was left.\n")
     assert RunFolder.read(folder / "sweep").there() > 0
-    deadline = time.monotonic() + 10  # the last of them is still on its way out
+    deadline = time.monotonic() + DEADLINE_S  # the last of them is still on its way out
 
     def left() -> list[bytes]:
         told = subprocess.run(

@@ -46,6 +46,19 @@ def stopping_after(count: int) -> Any:
     return tell
 
 
+class Watched(Alone):
+    """A crew that remembers the designs it tried."""
+
+    def __init__(self, bench: Bench) -> None:
+        super().__init__(bench)
+        object.__setattr__(self, "tried", [])
+
+    def done(self, tasks: Any) -> Any:
+        for task, table in super().done(tasks):
+            self.tried.extend(task.designs)
+            yield task, table
+
+
 @pytest.fixture
 def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Files of 64 rows, so that a small sweep has many."""
@@ -78,16 +91,9 @@ def test_what_is_there_is_not_done_again(station, opencl, tmp_path, small_parts)
         sweep(plan, tmp_path / "run", backend=opencl, progress=stopping_after(5))
     there = content(tmp_path / "run" / "designs")
     assert len(there) == 5
-    tried: list[int] = []
-
-    class Watched(Alone):
-        def done(self, tasks: Any) -> Any:
-            for task, table in super().done(tasks):
-                tried.extend(task.designs)
-                yield task, table
-
-    sweep(plan, tmp_path / "run", crew=Watched(Bench(plan, opencl)))
-    assert tried == list(range(5 * 64, plan.designs))
+    crew = Watched(Bench(plan, opencl))
+    sweep(plan, tmp_path / "run", crew=crew)
+    assert crew.tried == list(range(5 * 64, plan.designs))
     after = content(tmp_path / "run" / "designs")
     assert all(after[name] == data for name, data in there.items())
 
@@ -101,7 +107,7 @@ def test_a_killed_process_leaves_whole_files_and_is_gone_on_with(tmp_path, openc
     files = 0
     for wanted in (2, 6, 11):
         process = subprocess.Popen([*PROGRAM, *command], cwd=tmp_path, stdout=subprocess.PIPE)
-        until = time.monotonic() + 60
+        until = time.monotonic() + DEADLINE_S
         while files < wanted and time.monotonic() < until and process.poll() is None:
             time.sleep(0.005)
             files = len(list((tmp_path / "run").glob("designs/part-*.parquet")))
@@ -126,12 +132,12 @@ def test_ctrl_c_says_that_the_same_command_goes_on(tmp_path):
                "--vary", "sensor.exposure=1:8:400"]  # fmt: skip
     process = subprocess.Popen([*PROGRAM, *command], cwd=tmp_path, stderr=subprocess.PIPE,
                                stdout=subprocess.DEVNULL, text=True)  # fmt: skip
-    until = time.monotonic() + 60
+    until = time.monotonic() + DEADLINE_S
     while not list((tmp_path / "run").glob("designs/part-*.parquet")) and process.poll() is None:
         assert time.monotonic() < until, "nothing was written"
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
-    _, error = process.communicate(timeout=30)
+    _, error = process.communicate(timeout=DEADLINE_S)
     assert process.returncode == 130
     assert "the same command goes on" in error
     assert "Traceback" not in error
@@ -303,16 +309,9 @@ def test_a_damaged_file_is_noticed_and_swept_again(
         with pytest.raises(OutputError, match=r"part-00000003\.parquet is damaged.*same `gpuspec"):
             read()
     assert run.damaged() == [3]
-    tried: list[int] = []
-
-    class Watched(Alone):
-        def done(self, tasks: Any) -> Any:
-            for task, table in super().done(tasks):
-                tried.extend(task.designs)
-                yield task, table
-
-    again = sweep(plan, tmp_path / "run", crew=Watched(Bench(plan, backend=opencl)))
-    assert set(tried) == set(run.designs_of(3))
+    crew = Watched(Bench(plan, backend=opencl))
+    again = sweep(plan, tmp_path / "run", crew=crew)
+    assert set(crew.tried) == set(run.designs_of(3))
     assert again.table().equals(whole)
     assert {path: path.read_bytes() for path in before} == before
 

@@ -18,6 +18,7 @@ from legible import check_legible, drawn_texts
 from gpuspec.errors import OutputError, StationError
 from gpuspec.simulation.simulate import simulate
 from gpuspec.station.station import Station
+from gpuspec.sweeps.aim import Aim
 from gpuspec.sweeps.choosing.front import curves
 from gpuspec.sweeps.plan import Plan
 from gpuspec.sweeps.rule import Rule, f1_of
@@ -363,3 +364,90 @@ def test_a_search_keeps_the_users_files(gpuspec_, monkeypatch):
         assert "none/best.toml cannot be written: No such file or directory" in told
     assert content(Path()) == before
     assert gpuspec_(*command, "--force").code == 0
+
+
+AIM = Aim("images", ("hits = all", "false_blobs = 0", "margin_dn >= 20"))
+CHOICES = {"tunnel.dark_mm": (2.0, 4.0, 6.0), "part.material": ("ideal", "aluminium")}
+
+
+@pytest.fixture
+def open_plan(small):
+    return plan_of(small, {"sensor.exposure": "1:8", "sequence.images": "3:40"})
+
+
+def test_a_search_by_an_aim_meets_it_and_is_confirmed(open_plan, tmp_path, opencl):
+    found = optimise(open_plan, tmp_path, 60, AIM, backend=opencl, choices=CHOICES)
+    best = found.trials[found.best]
+    assert not sum(best.missed)
+    met = [t for t in found.trials if t.reason is None and not sum(t.missed)]
+    assert best.measures["images"] == min(t.measures["images"] for t in met)
+    assert len(met) < len(found.trials)  # else nothing was asked for
+    values = found.confirmed.values()
+    assert values["hits"] == best.defects
+    assert values["false_blobs"] == 0
+    assert values["margin_dn"] == pytest.approx(best.measures["margin_dn"], abs=1.0)
+    assert (values["p1"], values["p2"]) == (best.p1, best.p2)
+    for key, allowed in CHOICES.items():
+        assert {t.values[key] for t in found.trials} <= {*allowed}
+        assert len({t.values[key] for t in found.trials}) > 1
+    assert found.station().part.material == best.values["part.material"]
+
+
+def test_a_search_by_an_aim_goes_on_as_if_it_had_not_been_stopped(open_plan, tmp_path, opencl):
+    def search(folder: str, trials: int):
+        return optimise(open_plan, tmp_path / folder, trials, AIM, backend=opencl, choices=CHOICES)
+
+    whole = search("a", 40)
+    search("b", 31)
+    assert search("b", 40).trials == whole.trials
+    with pytest.raises(OutputError, match="other values are chosen among there"):
+        optimise(open_plan, tmp_path / "a", 41, AIM, backend=opencl)
+
+
+def test_optuna_is_told_what_a_trial_misses():
+    search = Search(plan_of(Station.parse(STATION), {"sensor.exposure": "1:8"}).axes, AIM, 0)
+    measures = dict.fromkeys(("images", "hits", "false_blobs", "margin_dn", "room"), 3.0)
+    trial = module.Trial({"sensor.exposure": 2.0}, False, None, 1.0, 0.5, 0.5, 1, 1, None,
+                         measures, [0.5, 0.0, 0.0])  # fmt: skip
+    frozen = search.frozen(trial)
+    assert list(frozen.system_attrs["constraints"]) == [0.5, 0.0, 0.0]
+    assert frozen.values == [-3.0]  # the fewest images
+
+
+@pytest.mark.parametrize(
+    ("choices", "told"),
+    [
+        ({"part.material": ["ideal", "aluminum"]}, "part.material = \"aluminum\" must be 'ideal'"),
+        ({"part.colour": ["red", "blue"]}, "is not a known key"),
+        ({"sensor.exposure": [2, 4]}, "between bounds and among values"),
+        ({"tunnel.dark_mm": [2]}, "there is nothing to choose"),
+    ],
+)
+def test_choices_that_cannot_be_are_refused(open_plan, tmp_path, opencl, choices, told):
+    with pytest.raises(StationError, match=re.escape(told)):
+        optimise(open_plan, tmp_path / "o", 2, AIM, backend=opencl, choices=choices)
+    assert not (tmp_path / "o").exists()
+
+
+def test_the_command_searches_by_an_aim(folder, gpuspec_):
+    ran = gpuspec_("optimise", "s.toml", "--vary", "sensor.exposure=2:8", "--choose",
+                   "sequence.images=4:12:3", "--choose", "sensor.noise=true,false", "--goal",
+                   "margin_dn", "--require", "images <= 8", "--trials", "6", "-o", "o",
+                   "--write", "b.toml")  # fmt: skip
+    assert ran.code == 0, ran.err
+    assert "rule: images <= 8, then the most margin_dn" in ran.out
+    assert Station.read("b.toml").sequence.images <= 8
+    with Path("o/trials.csv").open(encoding="utf-8") as file:
+        assert {row["sequence.images"] for row in csv.DictReader(file)} <= {"4", "8", "12"}
+    told = said(gpuspec_("optimise", "s.toml", "--vary", "sensor.exposure=2:8", "--goal", "images",
+                         "--p1-floor", "0.5", "-o", "p"))  # fmt: skip
+    assert '--require "p1 >= 0.5"' in told
+
+
+def test_the_picture_of_a_search_by_an_aim_is_legible(open_plan, tmp_path, opencl, monkeypatch):
+    figures = []
+    monkeypatch.setattr(optimise_picture_, "png", figures.append)
+    optimise_picture(optimise(open_plan, tmp_path, 30, AIM, backend=opencl))
+    check_legible(figures[0])
+    words = " ".join(text.get_text() for text in drawn_texts(figures[0]))
+    assert "images; less is better" in words

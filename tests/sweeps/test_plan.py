@@ -168,3 +168,12 @@ def test_the_station_file_says_what_is_swept_and_simulate_leaves_it_alone(statio
     assert (plan.parts, plan.designs) == (2, 6)
     assert plan.station.as_dict() == station.as_dict()
     assert Station.parse(gpuspec.station.toml.to_toml(read)) == read
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("background_mm", 3.0), ("polarity", "dark"), ("polarity", "both")]
+)
+def test_what_needs_whole_images_is_not_swept(key, value):
+    station = gpuspec.example("trim").replace(**{f"segmentation__{key}": value})
+    with pytest.raises(StationError, match=f"segmentation.{key} = {value} needs whole images"):
+        Plan.of(station, {"sensor.exposure": [2, 4]})

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -19,16 +18,27 @@ from gpuspec.sweeps.plan import Plan
 from gpuspec.sweeps.sweep import sweep
 from gpuspec.sweeps.trying import bench as bench_module
 from gpuspec.sweeps.trying.bench import Bench
-from gpuspec.sweeps.trying.parts import Parts, TracedPart
+from gpuspec.sweeps.trying.parts import TracedPart
+
+SOME = {"tunnel.luminous_mm": "1,3", "sensor.exposure": "2:6:3"}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("parts", [1, 2])
-def test_screening_ends_in_the_front_of_the_exhaustive_sweep(station, opencl, tmp_path, parts):
-    """Few strata, so that bounds are wide and many designs must be made exact."""
+@pytest.mark.parametrize(
+    ("parts", "rays", "keys"),
+    [(1, "auto", GRID), (2, 1, GRID), (1, 1, {"tunnel.height_mm": "150:300:4", **SOME}),
+     (1, "auto", {"camera.height_mm": "600,900", "camera.sampling_mm": "0.1,0.11", **SOME})],
+    ids=["one part", "two parts", "tunnels", "cameras"],
+)  # fmt: skip
+def test_screening_ends_in_the_front_of_the_exhaustive_sweep(
+    station, opencl, tmp_path, parts, rays, keys
+):
+    """A faint dent and few strata: the front goes on below what flawless pixels reach, bounds
+    are wide, and some designs must be made exact."""
+    faint = station.replace(**{"camera.subsampling": rays, "defects[1].depth_um": 0.6})
     fronts, made = [], []
     for samples in (0, 300):
-        plan = Plan.of(station, GRID, parts=parts, samples=samples)
+        plan = Plan.of(faint, keys, parts=parts, samples=samples)
         run = sweep(plan, tmp_path / f"run{samples}", backend=opencl)
         front = Front()
         for table in run.batches():
@@ -39,8 +49,9 @@ def test_screening_ends_in_the_front_of_the_exhaustive_sweep(station, opencl, tm
     assert screened.exact.all()
     for name in ("design", "level", "p1", "p2", "hits"):
         assert np.array_equal(getattr(screened, name), getattr(exhaustive, name)), name
-    assert len(exhaustive.design) > 50
-    assert 0 < sum(row["exact"] for row in made[1]) < 0.6 * len(made[1])
+    assert len(exhaustive.design) > 20
+    if keys is GRID:  # of a few designs the front may be all, or none below a ceiling
+        assert 0 < sum(row["exact"] for row in made[1]) < 0.6 * len(made[1])
     for true, row in zip(*made, strict=True):
         assert row["p2"] == true["p2"]
         assert row["hits"] == true["hits"]
@@ -65,7 +76,7 @@ class MadeUp:
     def __init__(self, seed: int) -> None:
         self.random = np.random.default_rng(seed)
         none, one = np.zeros(0, np.uint32), np.ones(1, np.float32)
-        sample = Sample(none, np.zeros(STRATA, np.uint32), WEIGHT, one, one)
+        sample = Sample(none, np.zeros(STRATA, np.uint32), WEIGHT, one, one, one)
         valid = np.ones((1, 1), np.bool_)
         zones = Zones(np.arange(ZONE, dtype=np.uint32), np.array([0, ZONE]), valid)
         self.part = TracedPart(None, zones, sample)
@@ -134,15 +145,6 @@ def test_each_bound_of_a_sweep_has_its_share_of_a_risk_of_1_percent(opencl):
                 assert binom.cdf(drawn, STRATA, most / whole) == pytest.approx(share, rel=RISK)
                 looked_at += 1
     assert looked_at > 5 * TRIED
-
-
-def test_the_sample_of_every_part_is_drawn_anew(opencl):
-    """Parts that differ in their noise alone: the same strata, other pixels of them."""
-    noisy = Station.from_dict({**STATION, "populations": []}).replace(**{"sensor.noise": True})
-    _, parts = Parts(opencl, 3, 300).levels([noisy], sampled=True)
-    for one, other in combinations([part.sample for part in parts], 2):
-        assert np.array_equal(one.near, other.near)
-        assert (one.chosen != other.chosen).mean() > 0.8  # one of 40 pixels each
 
 
 def test_designs_without_a_closed_form_are_exact_under_screening(station, opencl, tmp_path):

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from itertools import combinations
 
 import numpy as np
+import pyarrow as pa
 import pytest
+from scenes import PIXEL_BYTES
 from sweeping import GRID, STATION, rows
 
 import gpuspec
@@ -17,12 +21,43 @@ from gpuspec.sweeps.estimate import estimate
 from gpuspec.sweeps.plan import SEED_STEP, Plan, with_part
 from gpuspec.sweeps.sweep import sweep
 from gpuspec.sweeps.trying.bench import Bench
+from gpuspec.sweeps.trying.columns import column
 from gpuspec.sweeps.trying.parts import Parts
 
 
-def test_a_row_is_what_simulate_gives(station, opencl, tmp_path):
+@pytest.mark.parametrize(
+    ("values", "kind"),
+    [
+        (np.arange(9), pa.int32()),
+        (np.array([0.5, np.nan]), pa.float64()),
+        (np.arange(11) % 3 == 0, pa.bool_()),
+        (["µm", None, ""], pa.string()),
+        (["b", "a", "b"], pa.dictionary(pa.int32(), pa.string())),
+    ],
+)
+def test_a_column_of_buffers_is_arrows_own(values, kind):
+    made = column(values, kind)
+    made.validate(full=True)
+    assert made.type == kind
+    assert str(made.to_pylist()) == str(pa.array(values, kind).to_pylist())
+
+
+def test_a_sweep_of_plain_defects_imports_nothing_slow(tmp_path):
+    """Modules that take a tenth of a second each, and that no such sweep has a use for."""
+    slow = ["pandas", "pyarrow.dataset", "scipy", "skimage", "matplotlib"]
+    code = f"""
+import sys, gpuspec
+station = gpuspec.example("trim").replace(camera__sampling_mm=0.5)
+gpuspec.sweep(station, {{"sensor.exposure": [2, 4]}}, sys.argv[1])
+print([name for name in {slow} if name in sys.modules])
+"""
+    command = [sys.executable, "-c", code, str(tmp_path / "run")]
+    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+def test_a_row_is_what_simulate_gives(refined, opencl, tmp_path):
     """P1, P2 and hits of the row, at its threshold, are those of the station it stands for."""
-    plan = Plan.of(station, {**GRID, "tunnel.height_mm": "150,250"}, parts=2)
+    plan = Plan.of(refined, {**GRID, "tunnel.height_mm": "150,250"}, parts=2)
     run = sweep(plan, tmp_path / "run", backend=opencl)
     found = rows(run)
     assert [row["design"] for row in found] == list(range(plan.designs))
@@ -75,8 +110,8 @@ def test_every_part_has_noise_of_its_own(opencl):
 
 @pytest.mark.parametrize(
     "change",
-    [{}, {"sequence.fusion": "std"}, {"camera.subsampling": 2}, {"sequence.step_mm": 0.31},
-     {"sensor.noise": True}],
+    [{}, {"sequence.fusion": "std"}, {"camera.subsampling": 2}, {"camera.subsampling": "auto"},
+     {"sequence.step_mm": 0.31}, {"sensor.noise": True}],
     ids=str,
 )  # fmt: skip
 def test_parts_of_a_population_are_counted_whatever_the_design(station, backend, change):
@@ -84,7 +119,7 @@ def test_parts_of_a_population_are_counted_whatever_the_design(station, backend,
     design = station.replace(**change)
     found, traced = Parts(backend, 2, 0).levels([design], sampled=False)
     for number, (levels, part) in enumerate(zip(found, traced, strict=True)):
-        wanted = levels_of(backend.trace(with_part(design, number)).aspect(), part.zones, 255)
+        wanted = levels_of(backend.trace(with_part(design, number)).counted(), part.zones, 255)
         assert np.array_equal(levels.outside[:, 1:], wanted.outside[:, 1:])
         assert np.array_equal(levels.peaks, wanted.peaks)
 
@@ -93,7 +128,7 @@ def test_parts_of_a_population_are_counted_whatever_the_design(station, backend,
 def test_light_maps_are_kept_as_long_as_they_fit_sub_rays_counted(station, opencl, rays, again):
     """A pixel of nine sub-rays takes nine times the memory: what held three parts holds one."""
     rows, columns = station.shape
-    engine = OpenCLBackend(memory_bytes=int(3.5 * 13 * rows * columns))
+    engine = OpenCLBackend(memory_bytes=int(3.5 * PIXEL_BYTES * rows * columns))
     parts = Parts(engine, 3, 0)
     design = station.replace(**{"camera.subsampling": rays})
     parts.levels([design], sampled=False)
@@ -106,7 +141,7 @@ def test_the_plan_tells_the_memory_of_every_sub_ray(station):
     rows, columns = station.shape
     for rays in (1, 3):
         plan = Plan.of(station.replace(**{"camera.subsampling": rays}), GRID, parts=2)
-        assert estimate(plan, None, 1).device_bytes == 13 * rows * columns * rays**2 * 2
+        assert estimate(plan, None, 1).device_bytes == PIXEL_BYTES * rows * columns * rays**2 * 2
 
 
 def test_light_maps_beyond_the_memory_are_traced_again_with_the_same_rows(station, opencl):

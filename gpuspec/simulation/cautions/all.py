@@ -12,18 +12,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.arrays import BESIDE, Image, LabelImage
+from gpuspec.arrays import BESIDE, Image
+from gpuspec.detection.inspection import Inspection
 from gpuspec.detection.score import Score
 from gpuspec.light.light_map import LightMap
 from gpuspec.part.relief import Relief
 from gpuspec.part.truth import Truth
+from gpuspec.simulation.cautions.camera import of_camera
 from gpuspec.simulation.cautions.defects import of_defects
 from gpuspec.simulation.cautions.detection import of_detection
 from gpuspec.simulation.cautions.light import of_light, of_pattern
 from gpuspec.simulation.cautions.station import (
     of_shifts,
     of_stripes,
-    of_view,
     unstated,
     without_effect,
 )
@@ -37,8 +38,7 @@ def cautions(
     lost: NDArray[np.uint8],
     light_map: LightMap,
     aspect: Image,
-    labels: LabelImage,
-    threshold: float,
+    found: Inspection,
     scored: Score,
 ) -> tuple[str, ...]:
     """Return what is to be known of one simulated inspection.
@@ -54,10 +54,7 @@ def cautions(
         From which the aspect image is; its pattern, if it has one, is the light.
     aspect : ndarray of float32, shape (M, N)
         DN.
-    labels : ndarray of int32, shape (M, N)
-        Blobs.
-    threshold : float
-        DN.
+    found : Inspection
     scored : Score
 
     Returns
@@ -75,11 +72,16 @@ def cautions(
         under = of_pattern(light_map, lit, aspect)
         said += under
         basic = bool(under)
-    said += of_view(station)
+        if station.part.diffuse:
+            said.append(
+                f"part.diffuse is lit as by tunnel.luminous_mm and tunnel.dark_mm: what "
+                f"{light_map.pattern.file} is on average is not known."
+            )
+    said += of_camera(station)
     said += of_defects(station, relief, truth, scored, lost)
     if lit.any():
         valid = lost != BESIDE
-        said += of_detection(light_map, aspect, lit, valid, threshold, scored, basic=basic)
+        said += of_detection(light_map, aspect, lit, valid, found, scored, basic=basic)
     return tuple(said)
 
 

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from gpuspec.arrays import Image, Mask
 from gpuspec.detection.score import Score
-from gpuspec.detection.segmentation import threshold_margins
+from gpuspec.detection.segmentation import (
+    CEILING_FLOOR,
+    NOISE_SIGMAS,
+    Ceiling,
+    threshold_margins,
+)
 from gpuspec.light.light_map import LightMap
 from gpuspec.simulation.cautions.station import DIFFERENCES, percent
 from gpuspec.station.station import Station
+
+if TYPE_CHECKING:  # it imports SciPy, of which a sweep has no use
+    from gpuspec.detection.inspection import Inspection
 
 BY_CHANCE = 0.1
 """Share of the flawless surface detected from which on defects are hit by chance."""
@@ -21,7 +31,7 @@ def of_detection(
     aspect: Image,
     lit: Mask,
     valid: Mask,
-    threshold: float,
+    inspected: Inspection,
     scored: Score,
     *,
     basic: bool,
@@ -35,13 +45,12 @@ def of_detection(
         DN.
     lit, valid : ndarray of bool, shape (M, N)
         Pixels that see the light, and those on the part.
-    threshold : float
-        DN.
+    inspected : Inspection
     scored : Score
     basic : bool
         Whether a more basic cause was said.
     """
-    station = light_map.station
+    station, threshold = light_map.station, inspected.threshold
     full, automatic = station.sensor.full_scale_dn, station.segmentation.threshold == "auto"
     found = scored.hit_px + scored.false_px
     flawless = int(np.count_nonzero(valid)) - scored.zone_px
@@ -65,7 +74,7 @@ def of_detection(
             f"{_why_dark(light_map, lit)}"
         ]
     if automatic and threshold >= full:
-        return [_why_beyond(station, aspect, lit, threshold)]
+        return [_why_beyond(station, aspect, lit, inspected)]
     if found or not scored.defects:
         return []
     nothing = "nothing is detected, so that P1 is 1 by definition and says nothing"
@@ -81,7 +90,7 @@ def of_detection(
     elif not automatic:
         way = f'Set segmentation.threshold between {level:.4g} and {brightest:.4g}, or to "auto".'
     else:
-        way = _why_high(station, aspect, lit)
+        way = _why_high(station, aspect, lit, inspected.ceiling)
     return [
         f"{nothing}: the threshold is {threshold:.4g} DN, the flawless level {level:.4g} DN and "
         f"the brightest pixel {brightest:.4g} DN. {way}"
@@ -102,9 +111,11 @@ def _why_dark(light_map: LightMap, lit: Mask) -> str:
     return f"Raise sensor.exposure, or {way}."
 
 
-def _why_high(station: Station, aspect: Image, lit: Mask) -> str:
+def _why_high(station: Station, aspect: Image, lit: Mask, ceiling: Ceiling | None) -> str:
     """Say what keeps an automatic threshold above every defect, and what to change."""
     images, full = station.sequence.images, station.sensor.full_scale_dn
+    if ceiling is not None:
+        return _why_above(ceiling, float(np.median(aspect[lit])), images, full)
     margins = threshold_margins(aspect, lit, full_scale_dn=full, images=images)
     always = max(margins.uneven_dn, margins.floor_dn)  # however many images there are
     if margins.one_image_dn >= always:
@@ -121,9 +132,27 @@ def _why_high(station: Station, aspect: Image, lit: Mask) -> str:
     return "Only deeper defects would stand out, or another light."
 
 
-def _why_beyond(station: Station, aspect: Image, lit: Mask, threshold: float) -> str:
+def _why_above(ceiling: Ceiling, flawless_dn: float, images: int, full: int) -> str:
+    """Say what lifts a ceiling, and the threshold above it: noise, or the ripple of few images."""
+    noise, ripple = NOISE_SIGMAS * ceiling.noise_dn, ceiling.level_dn - flawless_dn
+    if max(noise, ripple) < CEILING_FLOOR * full:
+        return "Only deeper defects would stand out, or another light."
+    if noise > ripple:
+        return (
+            f"It leaves room for noise, of a standard deviation of {ceiling.noise_dn:.2g} DN: take "
+            f"more sequence.images."
+        )
+    return (
+        f"A flawless pixel can have {ceiling.level_dn:.4g} DN, for the mean of {images} images "
+        f"ripples or the part is uneven: take more sequence.images."
+    )
+
+
+def _why_beyond(station: Station, aspect: Image, lit: Mask, inspected: Inspection) -> str:
     """Say why the automatic threshold is beyond full scale: which of its terms put it there."""
-    full, images = station.sensor.full_scale_dn, station.sequence.images
+    full, images, threshold = (
+        station.sensor.full_scale_dn, station.sequence.images, inspected.threshold
+    )  # fmt: skip
     margins = threshold_margins(aspect, lit, full_scale_dn=full, images=images)
     room = full - margins.flawless_dn
     head = f"the automatic threshold, {threshold:.0f} DN, is beyond full scale and detects nothing"
@@ -136,6 +165,14 @@ def _why_beyond(station: Station, aspect: Image, lit: Mask, threshold: float) ->
         return (
             f"{head}: the flawless level, {margins.flawless_dn:.1f} DN, is itself at full scale, "
             f"{full} DN, and leaves no room above it. {way}"
+        )
+    if inspected.ceiling is not None:
+        level = inspected.ceiling.level_dn
+        return (
+            f"{head}: by where the stripes stand in {images} image{'s' if images > 1 else ''} a "
+            f"flawless pixel can have {level:.0f} DN of {full}, and half of them have no more than "
+            f"{margins.flawless_dn:.0f}. Take more images, over whole periods, or a lower "
+            f"sensor.exposure."
         )
     if margins.uneven_dn >= room:
         return (

@@ -3,23 +3,29 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.arrays import BESIDE, Image, Mask
+from gpuspec.arrays import BESIDE, Image, Lost, Mask
 from gpuspec.light.float64 import ray_paths
 from gpuspec.light.light_map import LightMap
 from gpuspec.part.grooves import Grooves
 from gpuspec.part.relief import Relief
 from gpuspec.part.truth import Truth
 from gpuspec.simulation.cautions.detection import EVEN
-from gpuspec.simulation.cautions.station import listed, percent, view_mm
+from gpuspec.simulation.cautions.station import listed, percent
+from gpuspec.simulation.view import view_mm
 from gpuspec.station.station import Station
 
 LOST_SHARE = 0.01
 """Share of the part without light from which on it is said."""
-_DOWN, _PAST, _OPENING = 2, 3, 4
+_DOWN, _PAST, _OPENING = Lost.DOWN, Lost.END, Lost.OPENING
+_TWICE = {
+    Lost.HIDDEN: "another piece of it is before it, seen from the camera",
+    Lost.AGAIN: "its rays meet the part again, and a second reflection is not followed",
+}
 _GRID = 33  # points along each side of the part, for rays to the tunnel's end
 
 
@@ -42,9 +48,17 @@ def of_pattern(light_map: LightMap, lit: Mask, aspect: Image) -> list[str]:
         return []
     said = []
     if images > 1 and not station.sensor.noise:
-        first = light_map.image(0)[lit]
+        # The first image, as a mean: the program of means is built already.
+        alone = station.sequence.model_copy(update={"images": 1})
+        first = light_map.mean(station.model_copy(update={"sequence": alone}))
+
+        def same(other: Image) -> bool:
+            return float(np.abs(other - first).max(where=lit, initial=0.0)) < 1e-3 * full
+
+        # The mean of all is there, and mostly tells.
+        still = station.sequence.fusion != "mean" or same(aspect)
         others = {1, images // 2, images - 1} - {0}
-        if all(np.abs(light_map.image(k)[lit] - first).max() < 1e-3 * full for k in others):
+        if still and all(same(light_map.image(k)) for k in others):
             moved = "k" if pattern.kind == "picture" else "shift"
             said.append(
                 f"all {images} images are the same: {pattern.file} does not change with its "
@@ -70,10 +84,31 @@ def of_light(station: Station, lost: NDArray[np.uint8], truth: Truth | None = No
     truth : Truth, optional
         To say how many defects are wholly dark.
     """
-    part = lost.size - np.count_nonzero(lost == BESIDE)
+    return of_losses(station, np.bincount(lost.ravel(), minlength=len(Lost)), lost, truth)
+
+
+def of_losses(
+    station: Station,
+    codes: NDArray[Any],
+    lost: NDArray[np.uint8] | None = None,
+    truth: Truth | None = None,
+) -> list[str]:
+    """Say the same from how many pixels are lost for each reason.
+
+    Parameters
+    ----------
+    station : Station
+    codes : ndarray, shape (reasons,)
+        Number of pixels by index into ``arrays.LOST``; it may be an estimate.
+    lost : ndarray of uint8, shape (M, N), optional
+        Those of each pixel.
+    truth : Truth, optional
+        With `lost`, to say how many defects are wholly dark.
+    """
+    part = codes.sum() - codes[BESIDE]
     if not part:
         return []
-    counts = {reason: np.count_nonzero(lost == reason) for reason in (_PAST, _DOWN, _OPENING)}
+    counts = {reason: codes[reason] for reason in (_PAST, _DOWN, _OPENING, *_TWICE)}
     dark = sum(counts.values())
     said = []
     for reason, count in counts.items():
@@ -83,7 +118,7 @@ def of_light(station: Station, lost: NDArray[np.uint8], truth: Truth | None = No
             f"{percent(count / part)} of the part sees no light"
         )  # fmt: skip
         said.append(f"{seen}: {_why_lost(station, reason)}")
-    if said and truth is not None and dark < part:
+    if said and truth is not None and lost is not None and dark < part:
         hidden = _hidden(truth, lost)
         if hidden:
             said[-1] += f" {hidden} of {len(truth.defects)} defects lie in the dark."
@@ -92,7 +127,7 @@ def of_light(station: Station, lost: NDArray[np.uint8], truth: Truth | None = No
     return said
 
 
-def _why_lost(station: Station, reason: int) -> str:
+def _why_lost(station: Station, reason: Lost) -> str:
     part, tunnel = station.part, station.tunnel
     if reason == _OPENING:
         size = tunnel.opening_length_mm, tunnel.opening_width_mm
@@ -103,9 +138,13 @@ def _why_lost(station: Station, reason: int) -> str:
             else "a tunnel whose top is nearer to the camera needs a smaller one"
         )
         return f"it reflects the camera opening of {size[0]:g} x {size[1]:g} mm; {way}."
+    posed = [f"{one}.pose" for one in ("part", "camera") if getattr(station, one).pose]
+    shape = ["part.mesh"] * (part.mesh is not None) + posed
     crown = [f"part.crown_radius_{axis}_mm" for axis in "xy"
-             if getattr(part, f"crown_radius_{axis}_mm")]  # fmt: skip
+             if getattr(part, f"crown_radius_{axis}_mm")] + shape  # fmt: skip
     relief = "part.relief" if part.relief else "the defects' depth_um"
+    if reason in _TWICE:
+        return f"{_TWICE[reason]}; check {listed([*crown, relief])}."
     if reason == _DOWN:
         return (
             f"it is tilted by more than 45 degrees there and reflects the camera's rays down; "
@@ -131,7 +170,9 @@ def _length_needed_mm(station: Station) -> float | None:
             ),
         }
     )
-    half = min(part.length_mm, columns * p) / 2, min(part.width_mm, rows * p) / 2
+    half = columns * p / 2, rows * p / 2
+    if not station.posed:
+        half = min(part.length_mm / 2, half[0]), min(part.width_mm / 2, half[1])
     x, y = (np.linspace(-h, h, _GRID) * (1 - 1e-9) for h in half)
     paths = ray_paths(bare, Relief((), Grooves.of(()), ()), x[None, :], y[:, None])
     if (paths.lost == _DOWN).any():

@@ -35,7 +35,9 @@ class Choice:
     Attributes
     ----------
     run : RunFolder
+        The sweep's.
     rule : Rule
+        By which it chooses.
     defects : int
         Most defects that can be hit on any of the designs; the rule's share is of these.
     front : Points
@@ -248,7 +250,7 @@ def choose(
     >>> run = gpuspec.sweep(station, {"sensor.exposure": [1, 2, 4]}, "sweep")
     >>> choice = gpuspec.choose(run, goal="f1", hit_share=0.9)
     >>> choice.best.values, choice.best.hits
-    ({'sensor.exposure': 4.0}, 32)
+    ({'sensor.exposure': 2.0}, 30)
     >>> choice.station().segmentation.threshold == choice.best.threshold_dn
     True
     """

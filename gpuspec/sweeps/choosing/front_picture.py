@@ -96,11 +96,14 @@ def _curves(choice: Choosing, designs: Sequence[int]) -> list[NDArray[np.float64
 def _draw_curves(
     ax: Axes, found: Sequence[NDArray[np.float64]], colour: str, width: float, name: str
 ) -> Any:
-    steps = [np.stack([curve[:-1], curve[1:]], axis=1) for curve in found]
-    every = np.concatenate([*steps, np.empty((0, 2, 2))])
-    leaps = np.abs(every[:, 1] - every[:, 0]).max(axis=1) > _LEAP
-    for part, alpha in ((every[leaps], 0.25), (every[~leaps], 1.0)):
-        ax.add_collection(LineCollection(part, colors=colour, linewidths=width, alpha=alpha))
+    leaps, runs = [], []
+    for curve in found:
+        far = np.abs(np.diff(curve, axis=0)).max(axis=1, initial=0.0) > _LEAP
+        leaps += [*np.stack([curve[:-1][far], curve[1:][far]], axis=1)]
+        runs += np.split(curve, np.flatnonzero(far) + 1)
+    for part, alpha in ((leaps, 0.25), (runs, 1.0)):
+        lines = LineCollection(part, colors=colour, linewidths=width, alpha=alpha)
+        ax.add_collection(lines, autolim=False)  # the axes have theirs, and to find them takes long
     return Line2D([], [], color=colour, linewidth=max(width, 1.2), label=name)
 
 

@@ -6,7 +6,7 @@ import logging
 import os
 import signal
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from typing import Any
@@ -15,12 +15,12 @@ from dask.system import CPU_COUNT
 from distributed import Client, LocalCluster
 
 from gpuspec.errors import ClusterError
+from gpuspec.light.backend import Backend
 from gpuspec.light.devices import open_backend
-from gpuspec.sweeps.cluster.remote import message
+from gpuspec.sweeps.cluster.remote import bench_of, message
 from gpuspec.sweeps.cluster.workers import INSTALL, Workers
-from gpuspec.sweeps.crew import Alone, Crew
+from gpuspec.sweeps.crew import Alone, Crew, Worker
 from gpuspec.sweeps.plan import Plan
-from gpuspec.sweeps.trying.bench import Bench
 from gpuspec.version import __version__
 
 CONNECT_S = 10.0
@@ -60,15 +60,52 @@ def crew(
     ClusterError
         If the scheduler or its workers are not there, or lack this gpuspec.
     """
+    with crew_of(
+        bench_of, message(plan), workers=workers, scheduler=scheduler, backend=backend,
+        device=device,
+    ) as found:  # fmt: skip
+        yield found
+
+
+@contextmanager
+def crew_of(
+    make: Callable[[str, Backend], Worker],
+    plan: str,
+    *,
+    workers: int = 0,
+    scheduler: str = "",
+    backend: str = "auto",
+    device: str | None = None,
+) -> Iterator[Crew]:
+    """Bring together whoever does the tasks of a plan of any kind.
+
+    Parameters
+    ----------
+    make : callable
+        See :func:`gpuspec.sweeps.cluster.remote.rows`.
+    plan : str
+        As that takes it.
+    workers, scheduler, backend, device
+        As of :func:`crew`.
+
+    Yields
+    ------
+    Crew
+
+    Raises
+    ------
+    ClusterError
+        If the scheduler or its workers are not there, or lack this gpuspec.
+    """
     if workers and scheduler:
         raise ClusterError("workers are either local or a scheduler's; give one of the two.")
     if not (workers or scheduler):
-        yield Alone(Bench(plan, open_backend(backend, device)))
+        yield Alone(make(plan, open_backend(backend, device)))
         return
     with _quiet(), _local(workers) if workers else _existing(scheduler) as client:
         hosts = Counter(address.rpartition(":")[0] for address in client.nthreads())
         how = (backend, device, max(hosts.values(), default=1))
-        yield Workers(client, message(plan), how)
+        yield Workers(client, make, plan, how)
 
 
 @contextmanager

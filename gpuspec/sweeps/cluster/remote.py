@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -17,6 +17,7 @@ from gpuspec.light.backend import Backend
 from gpuspec.light.devices import open_backend
 from gpuspec.light.opencl_device import gpu_count
 from gpuspec.station.station import Station
+from gpuspec.sweeps.crew import Worker
 from gpuspec.sweeps.plan import Plan
 from gpuspec.sweeps.trying.bench import Bench
 
@@ -43,7 +44,20 @@ def plan_of(text: str) -> Plan:
     return replace(Plan.from_identity(sent), station=station)
 
 
+def bench_of(plan: str, backend: Backend) -> Worker:
+    """Return the bench of a sweep.
+
+    Parameters
+    ----------
+    plan : str
+        As a :func:`message`.
+    backend : Backend
+    """
+    return Bench(plan_of(plan), backend)
+
+
 def rows(
+    make: Callable[[str, Backend], Worker],
     plan: str,
     designs: Sequence[int],
     sampled: bool,
@@ -55,8 +69,11 @@ def rows(
 
     Parameters
     ----------
+    make : callable
+        Makes the bench of a plan and a device; a function of a module that workers can import,
+        e.g. :func:`bench_of`.
     plan : str
-        As a :func:`message`.
+        As that takes it.
     designs : sequence of int
     sampled : bool
         See :meth:`gpuspec.sweeps.trying.bench.Bench.rows`.
@@ -73,15 +90,21 @@ def rows(
     """
     with _one_at_a_time:
         try:
-            return _bench(plan, backend, device, neighbours).rows(designs, sampled=sampled)
+            return _bench(make, plan, backend, device, neighbours).rows(designs, sampled=sampled)
         except BaseException:
             _bench.cache_clear()  # a device that failed is opened anew for the next try
             raise
 
 
 @lru_cache(maxsize=1)
-def _bench(plan: str, backend: str, device: str | None, neighbours: int) -> Bench:
-    return Bench(plan_of(plan), _own(backend, device, neighbours))
+def _bench(
+    make: Callable[[str, Backend], Worker],
+    plan: str,
+    backend: str,
+    device: str | None,
+    neighbours: int,
+) -> Worker:
+    return make(plan, _own(backend, device, neighbours))
 
 
 def _own(backend: str, device: str | None, neighbours: int) -> Backend:

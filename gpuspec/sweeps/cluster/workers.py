@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from distributed.comm.core import CommClosedError
 
 from gpuspec.errors import ClusterError, GpuspecError
 from gpuspec.sweeps.cluster.remote import rows
-from gpuspec.sweeps.crew import Task
+from gpuspec.sweeps.crew import Task, Worker
 from gpuspec.version import __version__
 
 AHEAD = 3
@@ -35,6 +35,7 @@ class Piece:
     Attributes
     ----------
     task : Task
+        The whole of which this is a piece.
     designs : tuple of int
         Their numbers.
     """
@@ -50,13 +51,16 @@ class Workers:
     Attributes
     ----------
     client : distributed.Client
+    make : callable
+        See :func:`gpuspec.sweeps.cluster.remote.rows`.
     plan : str
-        See :func:`gpuspec.sweeps.cluster.remote.message`.
+        As `make` takes it.
     how : tuple
         Backend, device and number of workers on a machine.
     """
 
     client: Any
+    make: Callable[..., Worker]
     plan: str
     how: tuple[str, str | None, int]
 
@@ -90,7 +94,7 @@ class Workers:
 
     def _begin(self, piece: Piece) -> Any:
         return self.client.submit(
-            rows, self.plan, piece.designs, piece.task.sampled, *self.how,
+            rows, self.make, self.plan, piece.designs, piece.task.sampled, *self.how,
             pure=False, retries=RETRIES,
         )  # fmt: skip
 

@@ -7,8 +7,6 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
-NAME = "sweep.sha256"
-
 
 def checksum(data: bytes) -> str:
     """Return the SHA-256 of a file's bytes."""
@@ -25,10 +23,12 @@ class Checksums:
     ----------
     folder : Path
         Of the sweep.
+    name : str
+        Of the file that holds the lines.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.path = folder / NAME
+    def __init__(self, folder: Path, name: str = "sweep.sha256") -> None:
+        self.path = folder / name
         self._lines: set[str] = set()
 
     def exist(self) -> bool:
@@ -36,14 +36,7 @@ class Checksums:
         return self.path.exists()
 
     def hold(self, file: Path, found: str) -> bool:
-        """Whether a file was written with this checksum.
-
-        Parameters
-        ----------
-        file : Path
-        found : str
-            Its checksum.
-        """
+        """Whether a file was written with this checksum; parameters as :meth:`add`."""
         line = self._line(file, found)
         if line not in self._lines and self.exist():  # another process may have written since
             self._lines = set(self.path.read_text("ascii", errors="replace").splitlines())

@@ -4,32 +4,24 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import shutil
-import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import pyarrow as pa
-import pyarrow.dataset as ds
 import pyarrow.parquet as pq
-from filelock import FileLock, Timeout
 
 from gpuspec.errors import OutputError, StationError
 from gpuspec.files import Space, folder_of
 from gpuspec.shown import html_page, html_table
-from gpuspec.sweeps.keeping import checksums
 from gpuspec.sweeps.keeping.checksums import Checksums, checksum
+from gpuspec.sweeps.keeping.writing import PARTIAL, taken_lock, write_whole, writes_to
 from gpuspec.sweeps.plan import Plan
 from gpuspec.sweeps.trying.rows import schema
 
 BYTES_PER_ROW = 3_000  # about: 2.2 KB exact, 5 KB with bounds, measured on the trim part
-_IDENTITY = "sweep.json"
-_LOCK = "sweep.lock"
-_TABLE = "designs"
-_PARTIAL = ".partial-"
 
 
 class RunFolder:
@@ -46,13 +38,23 @@ class RunFolder:
     """
 
     rows_per_file = 512
+    word = "sweep"
+    """Of what it holds, and the command that writes it."""
+    stem = "sweep"
+    """Of the names of its files beside the table."""
+    table_name = "designs"
+    """Folder of the table's files."""
 
-    def __init__(self, path: Path, plan: Plan) -> None:
+    def __init__(self, path: Path, plan: Any) -> None:
         self.path = path
-        self.plan = plan
-        self._schema = schema(plan)
+        self.plan: Plan = plan
+        self._schema = self.schema()
         self._sound: dict[int, str] = {}  # files that hold what was written, and their checksums
-        self._checksums = Checksums(path)
+        self._checksums = Checksums(path, f"{self.stem}.sha256")
+
+    def schema(self) -> pa.Schema:
+        """Return the columns of its table."""
+        return schema(self.plan)
 
     def __repr__(self) -> str:
         there = self.there()
@@ -90,23 +92,25 @@ class RunFolder:
             )
         path = Path(path)
         try:
-            return cls(path, Plan.from_identity(_identity_in(path)))
+            return cls(path, Plan.from_identity(cls._identity_in(path)))
         except (StationError, TypeError, ValueError, KeyError, AttributeError) as error:
-            raise OutputError(f"{path / _IDENTITY} is not that of a sweep ({error}).") from None
+            raise OutputError(f"{path / 'sweep.json'} is not that of a sweep ({error}).") from None
 
     @classmethod
     @contextmanager
-    def writing(cls, path: str | Path, plan: Plan) -> Iterator[RunFolder]:
+    def writing(cls, path: str | Path, plan: Any) -> Iterator[Self]:
         """Open a sweep's folder to write, a new one or one to go on with.
 
         Parameters
         ----------
         path : str or Path
         plan : Plan
+            Or what a folder of another kind is of.
 
         Yields
         ------
         RunFolder
+            Of this class.
 
         Raises
         ------
@@ -116,11 +120,11 @@ class RunFolder:
         """
         run = cls(folder_of(path), plan)
         run.check_folder()
-        with writes_to(run.path):
-            (run.path / _TABLE).mkdir(parents=True, exist_ok=True)
-            lock = taken_lock(run.path, _LOCK)
+        with writes_to(run.path, f"the {cls.word}"):
+            (run.path / cls.table_name).mkdir(parents=True, exist_ok=True)
+            lock = taken_lock(run.path, f"{cls.stem}.lock")
         try:
-            with writes_to(run.path):
+            with writes_to(run.path, f"the {cls.word}"):
                 run._begin()
             yield run
         finally:
@@ -134,47 +138,53 @@ class RunFolder:
         OutputError
             With what differs, if it holds another sweep.
         """
-        with writes_to(self.path):
+        with writes_to(self.path, f"the {self.word}"):
             if self.path.exists() and not self.path.is_dir():
                 raise OutputError(f"{self.path} is a file; choose another folder with -o.")
-            if (self.path / _IDENTITY).exists():
-                differ = differences(_identity_in(self.path), self.plan.identity())
+            if self.identity_file.exists():
+                differ = differences(self._identity_in(self.path), self.plan.identity())
                 if differ:
                     raise OutputError(
-                        f"{self.path} holds another sweep: {'; '.join(differ)}. Choose another "
-                        f"folder with -o, or the same sweep to go on with it."
+                        f"{self.path} holds another {self.word}: {'; '.join(differ)}. Choose "
+                        f"another folder with -o, or the same {self.word} to go on with it."
                     )
                 return
-            table = self.path / _TABLE
+            table = self.path / self.table_name
+            own = (f"{self.stem}.lock", self.table_name, self._checksums.path.name)
             folders = [folder for folder in (self.path, table) if folder.is_dir()]
             others = [p.name for folder in folders for p in folder.iterdir()]
-            others = [name for name in others if name not in (_LOCK, _TABLE, checksums.NAME)]
+            others = [name for name in others if name not in own]
             if others or (table.exists() and not table.is_dir()):
                 raise OutputError(
-                    f"{self.path} holds other files ({', '.join([*others, _TABLE][:1])}) and no "
-                    f"{_IDENTITY}; choose an empty folder, or that of the sweep to go on with, "
-                    f"with -o."
+                    f"{self.path} holds other files ({[*others, self.table_name][0]}) and no "
+                    f"{self.stem}.json; choose an empty folder, or that of the {self.word} to go "
+                    f"on with, with -o."
                 )
 
     def is_begun(self) -> bool:
         """Whether the folder holds this very sweep, begun or finished."""
         try:
-            return not differences(_identity_in(self.path), self.plan.identity())
+            return not differences(self._identity_in(self.path), self.plan.identity())
         except OutputError:
             return False
 
     def _begin(self) -> None:
         self.check_folder()
-        if not (self.path / _IDENTITY).exists():
+        if not self.identity_file.exists():
             text = json.dumps(self.plan.identity(), indent=1) + "\n"
-            _write_whole(self.path / _IDENTITY, lambda file: file.write_text(text, "utf-8"))
-        for left in self.path.rglob(f"{_PARTIAL}*"):  # of a killed run: the lock is ours
+            write_whole(self.identity_file, lambda file: file.write_text(text, "utf-8"))
+        for left in self.path.rglob(f"{PARTIAL}*"):  # of a killed run: the lock is ours
             shutil.rmtree(left) if left.is_dir() else left.unlink()
+
+    @property
+    def identity_file(self) -> Path:
+        """Path of the file that says what it holds."""
+        return self.path / f"{self.stem}.json"
 
     @property
     def name(self) -> str:
         """A few words that tell this sweep from others."""
-        text = (self.path / _IDENTITY).read_bytes()
+        text = self.identity_file.read_bytes()
         return f"{self.plan.designs:,} designs ({hashlib.sha256(text).hexdigest()[:8]})"
 
     def check_valid(self) -> None:
@@ -215,7 +225,7 @@ class RunFolder:
 
     def file(self, number: int) -> Path:
         """Return the path of a file of the table."""
-        return self.path / _TABLE / f"part-{number:08}.parquet"
+        return self.path / self.table_name / f"part-{number:08}.parquet"
 
     def damaged(self) -> list[int]:
         """Return the files that are there, but do not hold what was written."""
@@ -232,7 +242,7 @@ class RunFolder:
 
     def missing(self) -> list[int]:
         """Return the files still to be written."""
-        there = {path.name for path in (self.path / _TABLE).glob("part-*.parquet")}
+        there = {path.name for path in (self.path / self.table_name).glob("part-*.parquet")}
         return [number for number in range(self.files) if self.file(number).name not in there]
 
     def write(self, number: int, table: pa.Table) -> None:
@@ -255,8 +265,8 @@ class RunFolder:
         pq.write_table(table.cast(self._schema), sink, compression="zstd", use_dictionary=words)
         data = sink.getvalue()
         found = checksum(data)
-        with writes_to(self.path):
-            _write_whole(
+        with writes_to(self.path, f"the {self.word}"):
+            write_whole(
                 self.file(number),
                 lambda file: file.write_bytes(data),
                 # Before the file has its name: with a new checksum an earlier file is sound, too.
@@ -281,7 +291,7 @@ class RunFolder:
         """
         self._verify(number)
         try:
-            table = pq.read_table(self.file(number), columns=columns, partitioning=None)
+            table = pq.ParquetFile(self.file(number)).read(columns)
             self._check_rows(number, table)
             return table
         except (pa.ArrowException, OSError) as error:
@@ -311,7 +321,9 @@ class RunFolder:
         """
         for number in self._there():
             self._verify(number)
-        return ds.dataset(self.path / _TABLE, format="parquet").to_table(columns=columns)
+        import pyarrow.dataset as ds  # slow to import
+
+        return ds.dataset(self.path / self.table_name, format="parquet").to_table(columns=columns)
 
     def repair(self) -> None:
         """Remove damaged files, so that they are missing; while nobody else writes.
@@ -323,7 +335,7 @@ class RunFolder:
         OutputError
             If the folder cannot be written.
         """
-        with writes_to(self.path):
+        with writes_to(self.path, f"the {self.word}"):
             for number in self.damaged():
                 self.file(number).unlink()
         if not self._checksums.exist():
@@ -341,8 +353,8 @@ class RunFolder:
             self._verify(number)
         found = {self.file(number): one for number, one in sorted(self._sound.items())}
         text = self._checksums.text(found)
-        with writes_to(self.path):
-            _write_whole(self._checksums.path, lambda file: file.write_text(text, "ascii"))
+        with writes_to(self.path, f"the {self.word}"):
+            write_whole(self._checksums.path, lambda file: file.write_text(text, "ascii"))
 
     def _verify(self, number: int) -> None:
         """Read a file and compare its checksum, once.
@@ -360,7 +372,7 @@ class RunFolder:
             if not self._checksums.hold(self.file(number), found):
                 if self._checksums.exist():
                     raise self._damage(number, "its checksum is not that of what was written")
-                self._check_rows(number, pq.read_table(pa.BufferReader(data)))
+                self._check_rows(number, pq.ParquetFile(pa.BufferReader(data)).read())
         except (pa.ArrowException, OSError) as error:
             raise self._damage(number, str(error)) from None
         self._sound[number] = found
@@ -371,9 +383,44 @@ class RunFolder:
 
     def _damage(self, number: int, why: str) -> OutputError:
         return OutputError(
-            f"{self.file(number)} is damaged ({why}); the same `gpuspec sweep` into the same "
-            f"folder tries its designs again."
+            f"{self.file(number)} is damaged ({why}); the same `gpuspec {self.word}` into the "
+            f"same folder tries its designs again."
         )
+
+    @classmethod
+    def _identity_in(cls, path: Path) -> dict[str, Any]:
+        file, word = path / f"{cls.stem}.json", cls.word
+        try:
+            found: dict[str, Any] = json.loads(file.read_text("utf-8"))
+        except (FileNotFoundError, NotADirectoryError):
+            raise OutputError(
+                f"{path} holds no {word}; `gpuspec {word} STATION -o {path}` makes one."
+            ) from None
+        except OSError as error:
+            raise OutputError(
+                f"{file} cannot be read: {error.strerror or error}; make it readable."
+            ) from None
+        except ValueError:
+            raise OutputError(
+                f"{file} is damaged, and nothing else says which {word} {path} "
+                f"holds; put it back from a copy, or choose another folder with -o."
+            ) from None
+        kinds = {
+            "gpuspec": str,
+            "station": str,
+            "files": dict,
+            "vary": dict,
+            "parts": int,
+            "samples": int,
+        }
+        if (
+            not isinstance(found, dict)
+            or set(found) != set(kinds)
+            or not all(isinstance(found[name], kind) for name, kind in kinds.items())
+            or not all(isinstance(values, list) for values in found["vary"].values())
+        ):
+            raise OutputError(f"{file} is not that of a {word}; choose another folder with -o.")
+        return found
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
@@ -440,104 +487,3 @@ def space(plan: Plan) -> Space:
 def table_bytes(plan: Plan) -> int:
     """Return about how large a sweep's table is."""
     return plan.designs * BYTES_PER_ROW * (2 if plan.samples else 1)
-
-
-def taken_lock(folder: Path, name: str) -> FileLock:
-    """Return the lock of a folder, taken; a killed process leaves it free.
-
-    Parameters
-    ----------
-    folder : Path
-        An existing one.
-    name : str
-        Of the lock's file in it.
-
-    Raises
-    ------
-    OutputError
-        If another process holds it.
-    """
-    lock = FileLock(folder / name, timeout=0)
-    try:
-        lock.acquire()
-    except Timeout:
-        raise OutputError(
-            f"{folder} is being written by another gpuspec; wait for it, or choose another folder "
-            f"with -o."
-        ) from None
-    return lock
-
-
-@contextmanager
-def writes_to(path: Path, what: str = "the sweep") -> Iterator[None]:
-    """Say what cannot be written where, why, and what next.
-
-    Parameters
-    ----------
-    path : Path
-    what : str
-        Is written.
-
-    Raises
-    ------
-    OutputError
-        In place of an OSError.
-    """
-    try:
-        yield
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise OutputError(
-            f"{what} cannot be written to {path}: {reason}. Free some space or make the folder "
-            f"writable and run the same command again: it goes on where it was."
-        ) from None
-
-
-def _write_whole(path: Path, write: Any, before: Callable[[], None] = lambda: None) -> None:
-    """Write a file under another name and rename it; what is to be done `before` that is."""
-    partial = Path(tempfile.mkdtemp(prefix=_PARTIAL, dir=path.parent))
-    try:
-        file = partial / path.name
-        write(file)
-        with file.open("rb") as written:  # a power cut must not leave an empty file of this name
-            os.fsync(written.fileno())
-        before()
-        file.replace(path)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
-
-
-def _identity_in(path: Path) -> dict[str, Any]:
-    try:
-        found: dict[str, Any] = json.loads((path / _IDENTITY).read_text("utf-8"))
-    except (FileNotFoundError, NotADirectoryError):
-        raise OutputError(
-            f"{path} holds no sweep; `gpuspec sweep STATION -o {path}` makes one."
-        ) from None
-    except OSError as error:
-        raise OutputError(
-            f"{path / _IDENTITY} cannot be read: {error.strerror or error}; make it readable."
-        ) from None
-    except ValueError:
-        raise OutputError(
-            f"{path / _IDENTITY} is damaged, and nothing else says which sweep {path} holds; put "
-            f"it back from a copy, or sweep into another folder with -o."
-        ) from None
-    kinds = {
-        "gpuspec": str,
-        "station": str,
-        "files": dict,
-        "vary": dict,
-        "parts": int,
-        "samples": int,
-    }
-    if (
-        not isinstance(found, dict)
-        or set(found) != set(kinds)
-        or not all(isinstance(found[name], kind) for name, kind in kinds.items())
-        or not all(isinstance(values, list) for values in found["vary"].values())
-    ):
-        raise OutputError(
-            f"{path / _IDENTITY} is not that of a sweep; choose another folder with -o."
-        )
-    return found

@@ -1,1 +1,1 @@
-"""Searching between bounds, without a grid. Imports `sweeps.keeping` and what stands below it."""
+"""Searching between bounds, without a grid. Imports `sweeps.choosing` and what stands below it."""

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+import math
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import optuna
 from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
 
@@ -20,14 +22,20 @@ from gpuspec.light.devices import open_backend
 from gpuspec.light.levels import thresholds
 from gpuspec.shown import html_page, object_of
 from gpuspec.station.station import Station
+from gpuspec.sweeps.aim import Aim
+from gpuspec.sweeps.aim import best_of as best_by
 from gpuspec.sweeps.axes import VARY_BETWEEN, bounds, varied
-from gpuspec.sweeps.keeping.folder import differences, taken_lock, writes_to
+from gpuspec.sweeps.choosing.measured import Measured, counts_of_kinds
+from gpuspec.sweeps.keeping.folder import differences
+from gpuspec.sweeps.keeping.writing import taken_lock, writes_to
 from gpuspec.sweeps.plan import Plan
 from gpuspec.sweeps.rule import Rule
-from gpuspec.sweeps.searching.search import Search, Trial, Values, best_of
+from gpuspec.sweeps.searching.search import Search, Trial, Values, best_of, directions
 from gpuspec.sweeps.trying.bench import notes_of
+from gpuspec.sweeps.trying.confirm import Confirmed, confirm
 from gpuspec.sweeps.trying.curves import Curves
 from gpuspec.sweeps.trying.parts import Parts
+from gpuspec.sweeps.trying.rows import rows
 
 IDENTITY, JOURNAL, LOCK = "optimise.json", "optimise.journal", "optimise.lock"
 WRITTEN = ("trials.csv", "optimise.png")
@@ -43,22 +51,25 @@ class Optimum:
     ----------
     plan : Plan
         With two values of each key: the bounds.
-    rule : Rule
+    rule : Rule or Aim
     trials : tuple of Trial
     best : int
         Which of them is the best by the rule.
     info : DeviceInfo
+    confirmed : Confirmed or None
+        Of an aim: the best, looked at whole.
     """
 
     plan: Plan
-    rule: Rule
+    rule: Rule | Aim
     trials: tuple[Trial, ...]
     best: int
     info: DeviceInfo
+    confirmed: Confirmed | None = None
 
     def __repr__(self) -> str:
         best = self.trials[self.best]
-        values = ", ".join(f"{key} = {value:g}" for key, value in best.values.items())
+        values = ", ".join(f"{key} = {shown(value)}" for key, value in best.values.items())
         parts = {
             "best": f"trial {self.best + 1}, {values}, threshold {best.threshold_dn:.6g} DN",
             "score": f"P1 {best.p1:.4f}, P2 {best.p2:.4f}, {best.hits} of {best.defects} defects "
@@ -103,18 +114,15 @@ def plan_of(
 
     Parameters
     ----------
-    station : Station, str or Path
-        Or the path of a station file. Its ``[sweep]`` table is taken
-        where the other parameters are None.
+    station, parts
+        As for a sweep, see :meth:`Plan.of`.
     vary : mapping of str to str, number or list, optional
         Keys and what :func:`gpuspec.sweeps.axes.bounds` takes, e.g. ``"1:12"`` or ``[1, 12]``.
-    parts : int, optional
-        Number of parts each design is tried on.
 
     Raises
     ------
     StationError
-        As for a sweep, see :meth:`Plan.of`.
+        Nothing to vary, or a wrong key or interval.
 
     Examples
     --------
@@ -145,13 +153,18 @@ def outputs(plan: Plan, folder: str | Path, *, force: bool = False) -> Outputs:
     return Outputs(folder_of(folder), "search", WRITTEN, plan.station.inputs, force=force)
 
 
-def tried(plan: Plan, rule: Rule, parts: Parts, values: Values, *, step: bool) -> Trial:
+def shown(value: Any) -> str:
+    """Return what a key takes as it is printed: a number, or a word."""
+    return f"{value:g}" if isinstance(value, (int, float)) and value is not True else str(value)
+
+
+def tried(plan: Plan, rule: Rule | Aim, parts: Parts, values: Values, *, step: bool) -> Trial:
     """Try one design at all thresholds, exactly.
 
     Parameters
     ----------
     plan : Plan
-    rule : Rule
+    rule : Rule or Aim
         Chooses the threshold.
     parts : Parts
     values : mapping
@@ -174,23 +187,46 @@ def tried(plan: Plan, rule: Rule, parts: Parts, values: Values, *, step: bool) -
     if not defects:
         return Trial(values, step, reason="no pixel of a defect's zone is in view.")
     p1, p2, hits = curves.p1[0], curves.p2[0], curves.hits.sum(axis=0)[0]
-    at = rule.best(p1, p2, hits, defects)
+    measures: dict[str, float | None] = {}
+    missed: list[float] = []
+    if isinstance(rule, Aim):
+        at, measures, missed = _aimed(plan, rule, parts, station, curves, traced)
+    else:
+        at = rule.best(p1, p2, hits, defects)
     threshold = float(thresholds(station.sensor.full_scale_dn)[at])
     return Trial(
         values, step, None, threshold, float(p1[at]), float(p2[at]), int(hits[at]), defects,
-        notes_of(station, traced),
+        notes_of(station, traced), measures, missed,
     )  # fmt: skip
+
+
+def _aimed(
+    plan: Plan, aim: Aim, parts: Parts, station: Station, curves: Curves, traced: Sequence[Any]
+) -> tuple[int, dict[str, float | None], list[float]]:
+    """Return the best threshold by an aim, the measures there, and what misses the aim."""
+    noise = traced[0].noise
+    table = rows(plan, [0], [station], curves, parts.backend.info, [None], [noise.of(station)])
+    found = Measured.of(table, aim.names)
+    assert found is not None
+    all_of = {"hits": int(curves.seen.sum()), **counts_of_kinds(table)}
+    at = int(best_by(aim.order(found.values, all_of))[0])
+    told = {name: float(np.broadcast_to(v, (1, 256))[0, at]) for name, v in found.values.items()}
+    point = {name: np.array(value) for name, value in told.items()}
+    missed = [float(short) for short in aim.shortfalls(point, all_of)]
+    told |= {f"all {name}": float(count) for name, count in all_of.items()}
+    return at, {name: v if math.isfinite(v) else None for name, v in told.items()}, missed
 
 
 def optimise(
     plan: Plan,
     folder: str | Path,
     trials: int,
-    rule: Rule | None = None,
+    rule: Rule | Aim | None = None,
     seed: int = 0,
     backend: str | Backend = "auto",
     device: str | None = None,
     progress: Progress | None = None,
+    choices: Mapping[str, Sequence[Any]] | None = None,
 ) -> Optimum:
     """Search until there are so many trials, those that the folder holds included.
 
@@ -201,13 +237,16 @@ def optimise(
     folder : str or Path
         Of a new search, or of this one to go on with.
     trials : int
-    rule : Rule, optional
+    rule : Rule or Aim, optional
     seed : int
     backend : str or Backend
         A name for :func:`gpuspec.light.devices.open_backend`, or an open backend.
     device : str, optional
         Part of the device's name, or its number.
     progress : callable, optional
+    choices : mapping of str to sequence, optional
+        Keys that take one of some values, numbers, words or true and false, and these: e.g.
+        ``{"tunnel.luminous_mm": [0.5, 1, 2], "tunnel.section": ["ceiling", "arch"]}``.
 
     Raises
     ------
@@ -230,9 +269,11 @@ def optimise(
     """
     rule, folder = rule or Rule(), folder_of(folder)
     engine = open_backend(backend, device)
-    identity = {**plan.identity(), "rule": str(rule), "seed": seed}
-    search = Search(plan.axes, rule, seed)
-    with _writing(folder, identity) as study:
+    makeable = checked_choices(plan, choices or {})
+    told = {"choices": {key: list(v) for key, v in makeable.items()}} if makeable else {}
+    identity = {**plan.identity(), "rule": str(rule), "seed": seed, **told}
+    search = Search(plan.axes, rule, seed, makeable)
+    with _writing(folder, identity, rule) as study:
         for stored in study.get_trials(deepcopy=False):
             search.add(Trial(dict(stored.params), **stored.user_attrs))
         parts = Parts(engine, plan.parts, 0)
@@ -247,7 +288,46 @@ def optimise(
     best = best_of(search.trials, rule)
     if best is None:
         raise StationError(f"no trial is a valid station. The first: {search.trials[0].reason}")
-    return Optimum(plan, rule, tuple(search.trials), best, engine.info)
+    found = Optimum(plan, rule, tuple(search.trials), best, engine.info)
+    if not isinstance(rule, Aim):
+        return found
+    return replace(found, confirmed=confirm(found.station(), plan.parts, engine))
+
+
+def checked_choices(plan: Plan, choices: Mapping[str, Sequence[Any]]) -> dict[str, tuple[Any, ...]]:
+    """Return keys and the values of which each takes one, checked one by one.
+
+    Parameters
+    ----------
+    plan : Plan
+    choices : mapping of str to sequence
+
+    Raises
+    ------
+    StationError
+        If a key is varied, too, takes a value twice, or takes none such.
+    """
+    found = {}
+    for key, given in choices.items():
+        values = tuple(given)
+        if any(a.key == key for a in plan.axes):
+            raise StationError(
+                f"{key} is searched between bounds and among values; do one of both."
+            )
+        if len(values) < 2 or len({*map(repr, values)}) < len(values):
+            raise StationError(f"{key}: of {list(values)} there is nothing to choose; name others.")
+        reasons = []
+        for value in values:
+            try:
+                plan.station.replace(**{key: value})
+            except StationError as error:
+                reasons.append(str(error))
+        # A value may do with others of the search alone, but one that the key never takes does not.
+        never = [r for r in reasons if "is not a known key" in r or " must be '" in r]
+        if never or len(reasons) == len(values):
+            raise StationError((never or reasons)[0])
+        found[key] = values
+    return found
 
 
 class _Held(JournalFileOpenLock):
@@ -261,7 +341,9 @@ class _Held(JournalFileOpenLock):
 
 
 @contextmanager
-def _writing(folder: Path, identity: dict[str, Any]) -> Iterator[optuna.Study]:
+def _writing(
+    folder: Path, identity: dict[str, Any], rule: Rule | Aim | None = None
+) -> Iterator[optuna.Study]:
     """Open the study of a folder, a new one or one to go on with, and lock it."""
     with writes_to(folder, "the search"):
         if folder.exists() and not folder.is_dir():
@@ -279,7 +361,7 @@ def _writing(folder: Path, identity: dict[str, Any]) -> Iterator[optuna.Study]:
     try:
         with writes_to(folder, "the search"):
             _claim(folder, identity)
-            study = _study(folder / JOURNAL)
+            study = _study(folder / JOURNAL, directions(rule))
         yield study
     finally:
         lock.release()
@@ -296,6 +378,8 @@ def _claim(folder: Path, identity: dict[str, Any]) -> None:
         for name in ("rule", "seed"):
             if held[name] != identity[name]:
                 said.append(f"the {name} is {held[name]!s} there and {identity[name]!s} here")
+        if held.get("choices") != identity.get("choices"):
+            said.append("other values are chosen among there")
     except (ValueError, KeyError, TypeError):
         raise OutputError(f"{path} is not that of a search; choose another folder.") from None
     if said:
@@ -305,7 +389,7 @@ def _claim(folder: Path, identity: dict[str, Any]) -> None:
         )
 
 
-def _study(journal: Path) -> optuna.Study:
+def _study(journal: Path, wanted: list[Any]) -> optuna.Study:
     """Open Optuna's journal; a last line that a killed process left unfinished is cut off."""
     if journal.exists():
         with journal.open("r+b") as file:
@@ -315,7 +399,7 @@ def _study(journal: Path) -> optuna.Study:
             JournalFileBackend(os.fspath(journal), lock_obj=_Held(os.fspath(journal)))
         )
         return optuna.create_study(
-            storage=storage, study_name="gpuspec", directions=["maximize"] * 2, load_if_exists=True
+            storage=storage, study_name="gpuspec", directions=wanted, load_if_exists=True
         )
     except (ValueError, KeyError) as error:
         raise OutputError(

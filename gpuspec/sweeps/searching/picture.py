@@ -12,6 +12,8 @@ import numpy as np
 from gpuspec import words
 from gpuspec.pictures.page import MARGIN, SKY, VERMILION, WIDTH, Sheet, png
 from gpuspec.pictures.place import open_frame
+from gpuspec.sweeps.aim import Aim
+from gpuspec.sweeps.measures import MEASURES
 from gpuspec.sweeps.plan import Plan
 from gpuspec.sweeps.rule import Rule, f1_of
 from gpuspec.sweeps.searching.search import Trial, best_of
@@ -25,7 +27,7 @@ class Searched(Protocol):
         """With two values of each key: the bounds."""
 
     @property
-    def rule(self) -> Rule:
+    def rule(self) -> Rule | Aim:
         """By which the best was chosen."""
 
     @property
@@ -45,23 +47,30 @@ def write_trials(path: Path, found: Searched) -> None:
     path : Path
     found : Searched
     """
-    keys = [a.key for a in found.plan.axes]
+    keys = list(found.trials[0].values)
+    named = found.rule.names if isinstance(found.rule, Aim) else ()
+    more = [name for name in named if name not in ("p1", "p2", "f1", "hits")]
     with path.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file)
         table.writerow(["trial", *keys, "how", "threshold_dn", "p1", "p2", "f1", "hits", "defects",
-                        "reason", "notes"])  # fmt: skip
+                        "reason", "notes", *more])  # fmt: skip
         for number, t in enumerate(found.trials, 1):
             f1 = _f1(t)
             scores = [t.threshold_dn, t.p1, t.p2, f1, t.hits, t.defects]
             table.writerow([
                 number, *(t.values[key] for key in keys), "step" if t.step else "sampler",
                 *([""] * len(scores) if t.reason else scores), t.reason or "",
-                t.notes or "",
+                t.notes or "", *(t.measures.get(name, "") for name in more),
             ])  # fmt: skip
 
 
 def optimise_picture(found: Searched) -> bytes:
-    """Draw every trial in the plane of P1 and P2, and how the best one came about; a PNG."""
+    """Draw every trial in the plane of P1 and P2, and how the best one came about; a PNG.
+
+    Of an aim the goal is drawn over what is missed of its requirements.
+    """
+    if isinstance(found.rule, Aim):
+        return _aim_picture(found, found.rule)
     valid = [(n, t) for n, t in enumerate(found.trials, 1) if t.reason is None]
     best, goal = found.trials[found.best], found.rule.goal
     sheet = Sheet(WIDTH, 800)
@@ -107,6 +116,48 @@ def optimise_picture(found: Searched) -> bytes:
                 drawstyle="steps-post")  # fmt: skip
     course.set(xlim=(0, len(found.trials)), ylim=(0, 1.02))
     open_frame(course, "trials", f"{words.SCORES[goal]} of the best by the rule so far")
+    sheet.legend(handles, 82)
+    return png(sheet.figure)
+
+
+def _aim_picture(found: Searched, aim: Aim) -> bytes:
+    """Draw the goal of every trial over the number of images, and how the best one came about."""
+    valid = [(n, t) for n, t in enumerate(found.trials, 1) if t.reason is None]
+    best, goal = found.trials[found.best], MEASURES[aim.goal]
+    sheet = Sheet(WIDTH, 800)
+    sheet.heading(
+        "What the search tried: each point is a design at its best threshold",
+        f"{words.plural(len(found.trials), 'trial')}, {words.plural(found.plan.parts, 'part')}, "
+        f"{words.plural(best.defects, 'defect')}  ·  {aim}",
+    )
+    across = MEASURES["images" if goal.name != "images" else "margin_dn"]
+    plane = sheet.axes(MARGIN, 136, 600, 580)
+    handles = []
+    for met, colour, marker, name in (
+        (False, "#B8B8B8", "x", "misses a requirement"),
+        (True, SKY, "o", "meets them all"),
+    ):
+        some = [t.measures for _, t in valid if (sum(t.missed) == 0) is met]
+        points = np.array([[t[across.name], t[goal.name]] for t in some], float).reshape(-1, 2)
+        handles += plane.plot(*points.T, marker, color=colour, markersize=5, label=name)
+    mark = np.array([[best.measures[across.name]], [best.measures[goal.name]]], float)
+    handles += plane.plot(*mark, "o", label="best", color=VERMILION, markeredgecolor="white",
+                          markersize=12, zorder=5, clip_on=False)  # fmt: skip
+    plane.margins(0.06)
+    open_frame(plane, across.axis, goal.axis)
+    course = sheet.axes(800, 136, 604, 580)
+    points_of_course = []
+    for end, _ in valid:
+        held = found.trials[best_of(found.trials[:end], aim) or 0]
+        if sum(held.missed) == 0:
+            points_of_course.append((end, held.measures[aim.goal]))
+    if points_of_course:
+        points_of_course.append((len(found.trials), points_of_course[-1][1]))
+        course.plot(*np.array(points_of_course, float).T, color=VERMILION, linewidth=1.8,
+                    drawstyle="steps-post")  # fmt: skip
+    course.set(xlim=(0, len(found.trials)))
+    course.margins(y=0.06)
+    open_frame(course, "trials", f"{goal.axis}; of the best so far that meets all")
     sheet.legend(handles, 82)
     return png(sheet.figure)
 

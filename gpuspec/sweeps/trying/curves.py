@@ -1,9 +1,9 @@
-"""P1, P2 and defects hit of a design at every threshold, over all its parts; and the best one."""
+"""How a design does at every threshold, over all its parts: P1, P2, hits, false pixels, margin."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,9 @@ from gpuspec.sweeps.trying.screening import Bounds
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+KINDS = ("dent", "bump", "scratch", "measured", "pit")
+"""Of defects, as :class:`gpuspec.part.truth.KnownDefect` has them."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,16 @@ class Curves:
         Bounds of the detected pixels outside, over all parts.
     exact : ndarray of bool, shape (D,)
         Whether nothing was sampled.
+    peaks : ndarray of uint8, shape (D, n)
+        Level of the brightest pixel of each defect in view, of all parts one after another.
+    kinds : ndarray of uint8, shape (n,)
+        Of these defects, index into `KINDS`.
+    sizes_mm : ndarray of float32, shape (n,)
+        Their size: diameter, or width.
+    stray_low, stray_high : ndarray of float64, shape (D, 256)
+        Bounds of the detected pixels outside zones and guard band, over all parts.
+    flawless_low, flawless_high : ndarray of int64, shape (D,)
+        Bounds of the highest level there.
     """
 
     hit_px: Ints
@@ -45,6 +58,13 @@ class Curves:
     false_low: Floats
     false_high: Floats
     exact: NDArray[np.bool_]
+    peaks: NDArray[np.uint8]
+    kinds: NDArray[np.uint8]
+    sizes_mm: NDArray[np.float32]
+    stray_low: Floats
+    stray_high: Floats
+    flawless_low: Ints
+    flawless_high: Ints
 
     @classmethod
     def of(cls, levels: Sequence[Levels], parts: Sequence[TracedPart], risk: float) -> Curves:
@@ -65,6 +85,9 @@ class Curves:
         ceiling = np.max([part.ceiling for part in levels], axis=0)
         false = near.astype(np.float64)
         low = high = false.sum(axis=0)
+        rim = np.sum([_above(part.guard) for part in levels], axis=0)
+        # Thresholds at which something beyond the guard band is detected, of those counted.
+        least = ((low - rim + drawn.sum(axis=0)) > 0).sum(axis=1)
         if samples:
             weight = samples[0].weight
             bounds = Bounds(sum(len(s.chosen) for s in samples), weight, risk)
@@ -74,12 +97,57 @@ class Curves:
             certain = np.arange(LEVELS) >= ceiling[:, None]
             low = low + np.where(certain, together, bounds.low(together))
             high = high + np.where(certain, together, bounds.high(together))
+        seen = [part.zones.sizes > 0 for part in parts]
+        known = [
+            defect
+            for part, there in zip(parts, seen, strict=True)
+            for defect, is_there in zip(part.known, there, strict=False)
+            if is_there
+        ]
+        peaks = [of.peaks[:, there] for of, there in zip(levels, seen, strict=True)]
         return cls(
             hit, false, np.stack([_hits(part.peaks) for part in levels]),
             np.array([part.zones.sizes.sum() for part in parts]),
-            np.array([np.count_nonzero(part.zones.sizes) for part in parts]),
+            np.array([np.count_nonzero(there) for there in seen]),
             low, high, ceiling == 0,
+            np.concatenate(peaks, axis=1).astype(np.uint8),
+            np.array([KINDS.index(defect.kind) for defect in known], np.uint8),
+            np.array([defect.size_mm for defect in known], np.float32),
+            low - rim, high - rim, least, np.maximum(least, ceiling),
         )  # fmt: skip
+
+    @classmethod
+    def together(cls, parts: Sequence[Curves]) -> Curves:
+        """Put the curves of designs side by side that see the same pixels of the same zones.
+
+        Parameters
+        ----------
+        parts : sequence of Curves
+            At least one, of one `view`.
+        """
+        first = parts[0]
+        if len(parts) == 1:
+            return first
+
+        def all_of(name: str, axis: int) -> Any:
+            return np.concatenate([getattr(part, name) for part in parts], axis=axis)
+
+        side_by_side = {name: all_of(name, 1) for name in ("hit_px", "false_px", "hits")}
+        one_per_row = ("false_low", "false_high", "exact", "peaks", "stray_low", "stray_high",
+                       "flawless_low", "flawless_high")  # fmt: skip
+        return replace(first, **side_by_side, **{name: all_of(name, 0) for name in one_per_row})
+
+    @property
+    def view(self) -> tuple[Any, ...]:
+        """What is in view: pixels of the zones and defects of each part, and which these are."""
+        which = self.kinds.tobytes(), self.sizes_mm.tobytes()
+        return (*self.zone_px.tolist(), *self.seen.tolist(), *which)
+
+    @property
+    def weakest(self) -> Ints:
+        """Level of the defect that is the faintest under each design, shape (D,)."""
+        found: Ints = self.peaks.min(axis=1, initial=LEVELS - 1).astype(np.int64)
+        return found
 
     @property
     def p1(self) -> Floats:

@@ -4,29 +4,39 @@ from __future__ import annotations
 
 import json
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from threading import Event
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.arrays import BESIDE
 from gpuspec.light.backend import Backend
-from gpuspec.light.levels import LevelCounter, Levels, Sample, Zones
-from gpuspec.light.light_map import LIGHT
+from gpuspec.light.levels import LevelCounter, Levels, Pixels, Sample, Zones
+from gpuspec.light.light_map import LIGHT, LightMap, in_closed_form
+from gpuspec.light.refined import with_side
+from gpuspec.light.refined_levels import RefinedCounter
+from gpuspec.part.guard import near
+from gpuspec.part.placement import place
 from gpuspec.part.relief import Relief
 from gpuspec.part.truth import KnownDefect, Truth
-from gpuspec.simulation.cautions.light import of_light
+from gpuspec.simulation.cautions.light import of_light, of_losses
 from gpuspec.simulation.memory import check_memory
+from gpuspec.station.defects import Defect
 from gpuspec.station.station import Station
 from gpuspec.sweeps.plan import with_part
-from gpuspec.sweeps.trying.screening import draw
+from gpuspec.sweeps.trying.flawless import Bounds, Flawless, surveyed
+from gpuspec.sweeps.trying.listing import Listing, crowd, listed
+from gpuspec.sweeps.trying.noise import Noise
 
-# Of a light map on a device, per pixel: light coordinate, footprint, irradiance, reason of loss.
-BYTES_PER_PIXEL = 13
+# Of a light map on a device, per pixel: four planes of floats and the reason of loss.
+BYTES_PER_PIXEL = 17
 _PLACED_KEPT = 64
+Key = TypeVar("Key")
+Kept = TypeVar("Kept")
 # Designs counted between two looks at whether to stop: a quarter of a second on two slow cores.
 _TOGETHER = {False: 32, True: 512}
 
@@ -42,14 +52,36 @@ class Placed:
     Attributes
     ----------
     relief : Relief
-    zones : Zones
-        As if every pixel were on the part.
-    defects : tuple of KnownDefect
+        Of the part, its random defects placed.
+    truth : Truth
+        Its zones.
+    near : ndarray of int64
+        Flat indices of the zones' pixels and those of their guard band.
     """
 
     relief: Relief
-    zones: Zones
-    defects: tuple[KnownDefect, ...]
+    truth: Truth
+    near: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, station: Station, defects: tuple[Defect, ...] | None = None) -> Placed:
+        """Find the zones of a station's defects.
+
+        Parameters
+        ----------
+        station : Station
+        defects : tuple of Defect, optional
+            Its populations placed; None: they are not yet.
+        """
+        relief = Relief.of(station, placed=defects)
+        truth = Truth.of(station, relief)
+        return cls(relief, truth, near(station, relief, truth))
+
+    @cached_property
+    def zones(self) -> Zones:
+        """Its zones, as if every pixel were on the part."""
+        everywhere = np.broadcast_to(np.True_, self.truth.labels.shape)
+        return Zones.of(self.truth.labels, everywhere, len(self.truth.defects), self.near)
 
 
 @dataclass(frozen=True)
@@ -59,16 +91,23 @@ class TracedPart:
     Attributes
     ----------
     counter : LevelCounter
+        On the device, of any design of this geometry.
     zones : Zones
     sample : Sample or None
+    known : tuple of KnownDefect
+        What is in the zones.
     notes : tuple of str
         On how much of it sees no light; of the first part alone.
+    noise : Noise or None
+        Of its flawless surface; likewise.
     """
 
     counter: LevelCounter
     zones: Zones
     sample: Sample | None
+    known: tuple[KnownDefect, ...] = ()
     notes: tuple[str, ...] = ()
+    noise: Noise | None = None
 
 
 class Parts:
@@ -96,9 +135,12 @@ class Parts:
         self.samples = samples
         self.traced = 0
         self.stopped = Event()
-        self._placed: OrderedDict[str, Placed] = OrderedDict()
-        self._bare: tuple[str, NDArray[np.floating[Any]]] | None = None
-        self._kept: OrderedDict[tuple[str, int, bool], TracedPart] = OrderedDict()
+        self._drawn: OrderedDict[tuple[str, int], tuple[Defect, ...]] = OrderedDict()
+        self._placed: OrderedDict[tuple[str, int], Placed] = OrderedDict()
+        self._screens: OrderedDict[tuple[str, int], Screen] = OrderedDict()
+        self._flawless: OrderedDict[str, Flawless] = OrderedDict()
+        self._geometry = ""
+        self._kept: OrderedDict[tuple[int, bool], TracedPart] = OrderedDict()
 
     def levels(
         self, stations: Sequence[Station], *, sampled: bool
@@ -110,7 +152,8 @@ class Parts:
         stations : sequence of Station
             Of one geometry, with part 0.
         sampled : bool
-            Whether the sample may stand for the pixels outside the zones.
+            Whether the sample may stand for the pixels outside the zones, under designs whose image
+            has a closed form.
 
         Returns
         -------
@@ -124,85 +167,230 @@ class Parts:
             If the geometry cannot be: a population that does not fit, an image that the memory
             does not hold.
         """
+        sampled = sampled and self.samples > 0 and self.backend.screens
+        # Which pixels of a posed part can be left out is not known: its images are counted whole.
+        sampled = sampled and not any(station.posed for station in stations)
+        listed = np.array([sampled and in_closed_form(station) for station in stations])
+        self._turn_to(stations[0])
+        noisy = any(station.sensor.noise for station in stations)
         found, parts = [], []
         for number in range(self.count):
-            part = self._part(stations[0], number, sampled=sampled)
-            own = stations
-            if number and any(station.sensor.noise for station in stations):
-                own = [with_part(station, number) for station in stations]
-            found.append(self._counted(part, own, _TOGETHER[sampled]))
-            parts.append(part)
+            own = [with_part(s, number) for s in stations] if number and noisy else stations
+            levels = None
+            for way in (True, False):
+                some = np.flatnonzero(listed == way)
+                if not some.size:
+                    continue
+                part = self._part(stations[0], number, listed=way)
+                if levels is None:  # a screened part tells of its sample
+                    levels = Levels.empty(len(stations), len(part.zones.sizes))
+                    parts.append(part)
+                self._count(levels, part, own, some, _TOGETHER[sampled])
+            assert levels is not None
+            found.append(levels)
         return found, parts
 
-    def _counted(self, part: TracedPart, stations: Sequence[Station], together: int) -> Levels:
-        found = Levels.empty(len(stations), len(part.zones.sizes))
-        every = np.arange(len(stations))
+    def _count(
+        self, found: Levels, part: TracedPart, stations: Sequence[Station],
+        every: NDArray[np.intp], together: int,
+    ) -> None:  # fmt: skip
+        """Count levels under some of the stations, and write them into their places."""
         for some in np.split(every, range(together, len(every), together)):
             if self.stopped.is_set():
                 raise StoppedError
             found.put(some, part.counter.count([stations[i] for i in some]))
-        return found
 
-    def _part(self, station: Station, number: int, *, sampled: bool) -> TracedPart:
-        sampled = sampled and self.samples > 0
-        key = (_geometry(station), number, sampled)
+    def _turn_to(self, station: Station) -> None:
+        """Forget the light maps of another geometry: they are not wanted again."""
+        key = geometry(station)
+        if key != self._geometry:
+            check_memory(station)
+            self._kept.clear()
+            self._geometry = key
+
+    def _part(self, station: Station, number: int, *, listed: bool) -> TracedPart:
+        key = number, listed
         if key in self._kept:
             self._kept.move_to_end(key)
             return self._kept[key]
-        check_memory(station)
         rows, columns = station.shape
-        size = rows * columns * BYTES_PER_PIXEL * station.camera.subsampling**2
-        while len(self._kept) >= max(self.backend.memory_bytes // size, 1):
+        size = rows * columns * BYTES_PER_PIXEL * station.camera.sub_rays
+        while not listed and len(self._kept) >= max(self.backend.memory_bytes // size, 1):
             self._kept.popitem(last=False)
-        # Light maps of another geometry are not wanted again.
-        for other in [k for k in self._kept if k[0] != key[0]]:
-            del self._kept[other]
-        part = self._trace(with_part(station, number), number, sampled)
+        self.traced += 1
+        part = (self._screened if listed else self._whole)(station, number)
         self._kept[key] = part
         return part
 
-    def _trace(self, station: Station, number: int, sampled: bool) -> TracedPart:
-        placed = self._place(station)
-        light_map = self.backend.trace(station, placed.relief)
-        self.traced += 1
+    def _whole(self, station: Station, number: int) -> TracedPart:
+        """Trace every pixel of a part."""
+        placed = self._place(station, number)
+        light_map = self.backend.trace(with_part(station, number), placed.relief)
         lost = light_map.lost()
         zones = placed.zones.only(lost != BESIDE)
-        sample = None
-        if sampled and station.camera.subsampling == 1:
-            flawless = self._flawless(station)
-            sample = draw(zones, light_map.read(), flawless, self.samples, number)
         notes = () if number else tuple(of_light(station, lost))
-        return TracedPart(light_map.counter(zones, sample), zones, sample, notes)
+        noise = None if number else Noise.traced(station, placed.relief)
+        known = placed.truth.defects
+        return TracedPart(light_map.counter(zones), zones, None, known, notes, noise)
 
-    def _flawless(self, station: Station) -> NDArray[np.floating[Any]]:
-        """Return the footprints of the part without defects, shape (M, N)."""
-        key = _geometry(station.replace(defects=(), populations=()))
-        if self._bare is None or self._bare[0] != key:
-            light_map = self.backend.trace(station.replace(defects=(), populations=()))
-            self._bare = key, light_map.read().footprint_mm[0]
-        return self._bare[1]
+    def _screened(self, station: Station, number: int) -> TracedPart:
+        """Trace the pixels of a part that stand for all."""
+        part = _key(station, ("tunnel", "sensor", "sequence"))
+        screen = _kept(
+            self._screens, (part, number),
+            lambda: Screen.of(station, self._place(station, number), self.samples, number),
+        )  # fmt: skip
+        shape = _key(station, ("tunnel", "sensor", "sequence", "defects", "populations"))
+        flawless = _kept(self._flawless, shape, lambda: Flawless(station, self.backend), 2)
+        return screen.under(station, self.backend, flawless, first=number == 0)
 
-    def _place(self, station: Station) -> Placed:
+    def _place(self, station: Station, number: int) -> Placed:
         """Return relief and zones, which no change of the tunnel moves."""
-        key = _key(station, ("tunnel", "sensor", "sequence"))
-        if key not in self._placed:
-            relief = Relief.of(station)
-            truth = Truth.of(station, relief)
-            everywhere = np.broadcast_to(np.True_, station.shape)
-            zones = Zones.of(truth.labels, everywhere, len(truth.defects))
-            self._placed[key] = Placed(relief, zones, truth.defects)
-            while len(self._placed) > _PLACED_KEPT:
-                self._placed.popitem(last=False)
-        self._placed.move_to_end(key)
-        return self._placed[key]
+        key = _key(station, ("tunnel", "sensor", "sequence")), number
+        return _kept(
+            self._placed, key,
+            lambda: Placed.of(with_part(station, number), self._defects(station, number)),
+        )  # fmt: skip
+
+    def _defects(self, station: Station, number: int) -> tuple[Defect, ...]:
+        """Return a part's defects, which no change of its shape or of the camera moves."""
+        part, outline = station.part, ("tunnel", "sensor", "sequence", "part", "camera")
+        key = f"{part.length_mm} {part.width_mm} {_key(station, outline)}", number
+        return _kept(self._drawn, key, lambda: place(with_part(station, number)))
+
+
+class Screen:
+    """The list of a part's pixels that screens it, traced under one tunnel after another.
+
+    Parameters
+    ----------
+    relief : Relief
+        Of the part.
+    listing : Listing
+        Its pixels.
+    crowd : int
+        How many defects may reach a pixel that is near none.
+    known : tuple of KnownDefect
+        What is in the zones.
+    """
+
+    def __init__(
+        self, relief: Relief, listing: Listing, crowd: int, known: tuple[KnownDefect, ...]
+    ) -> None:
+        self.relief = relief
+        self.listing = listing
+        self.crowd = crowd
+        self.known = known
+        self._before: dict[int, LightMap] = {}
+
+    @classmethod
+    def of(cls, station: Station, placed: Placed, strata: int, seed: int) -> Screen:
+        """List the pixels of a part.
+
+        Parameters
+        ----------
+        station : Station
+        placed : Placed
+            What is on the part.
+        strata : int
+            Of the sample.
+        seed : int
+            Of its draw.
+        """
+        listing = listed(station, placed.relief, placed.truth, strata, seed, placed.near)
+        known = placed.truth.defects
+        return cls(placed.relief, listing, crowd(placed.relief, station), known)
+
+    def under(
+        self, station: Station, backend: Backend, flawless: Flawless, *, first: bool
+    ) -> TracedPart:
+        """Trace the list.
+
+        Parameters
+        ----------
+        station : Station
+            The part's, with a tunnel.
+        backend : Backend
+            The same each time.
+        flawless : Flawless
+            Of that part's shape and camera.
+        first : bool
+            Whether it is the first of the parts, which tells how much of it sees no light.
+        """
+        base = self._traced(station, backend, 1, self.listing.pixels)
+        zones, refinable = self.listing.zones, self.listing.refinable
+        if station.part.uneven:
+            bounds, noise = self._surveyed(station, backend)
+        else:
+            bounds, noise = flawless.bounds(station, self.crowd), flawless.noise
+        sample = self.listing.sample(bounds)
+        finer: dict[int, Pixels] = {}
+        if refinable is None:
+            lost = base.lost()
+        else:
+            arrays = base.read()
+            lost = arrays.lost
+            finer = refinable.places(arrays.light_mm[0, 0], arrays.wide_mm[0, 0])
+        counter = base.counter(zones, sample)
+        if finer:
+            parts = [
+                self._traced(station, backend, side, self.listing.pixels[places])
+                for side, places in finer.items()
+            ]
+            for part, places in zip(parts, finer.values(), strict=True):
+                lost.flat[places] = part.lost()
+            counter = RefinedCounter(base, parts, tuple(finer.values()), None, zones, sample)
+        losses = self.listing.losses(lost) if first else None
+        notes = () if losses is None else tuple(of_losses(station, losses))
+        drawn = sample if len(sample.chosen) else None
+        in_view = self.listing.in_view(lost)
+        return TracedPart(counter, in_view, drawn, self.known, notes, noise if first else None)
+
+    def _surveyed(self, station: Station, backend: Backend) -> tuple[Bounds, Noise]:
+        """Return what bounds the pixels that are not listed, and their noise, from all of them."""
+        light_map = backend.traced(with_side(station, 1), self.relief)
+        arrays = light_map.read()
+        light_map.release()
+        rest = arrays.lost != BESIDE
+        rest.flat[self.listing.itself] = False
+        beyond = np.flatnonzero(rest)
+        planes = (arrays.wide_mm, arrays.narrow_mm, arrays.irradiance)
+        return surveyed(arrays, rest), Noise(*(plane[0].flat[beyond] for plane in planes))
+
+    def _traced(self, station: Station, backend: Backend, side: int, pixels: Pixels) -> LightMap:
+        """Return the light map of some pixels with side x side sub-rays."""
+        station = with_side(station, side)
+        before = self._before.get(side)
+        if before is None:
+            light_map = backend.traced(station, self.relief, pixels)
+        else:
+            again = None if side == 1 else pixels
+            light_map = backend.trace_again(before, station, again)
+        self._before[side] = light_map
+        return light_map
+
+
+def _kept(
+    shelf: OrderedDict[Key, Kept], key: Key, make: Callable[[], Kept], most: int = _PLACED_KEPT
+) -> Kept:
+    """Return what stands on a shelf, made where it is not; what was not asked for longest falls."""
+    if key not in shelf:
+        shelf[key] = make()
+        while len(shelf) > most:
+            shelf.popitem(last=False)
+    shelf.move_to_end(key)
+    return shelf[key]
 
 
 def _key(station: Station, without: tuple[str, ...]) -> str:
-    data = station.model_dump(exclude={*without, "segmentation", "classes", "sweep"}, mode="json")
+    data = station.model_dump(
+        exclude={*without, "segmentation", "classes", "decision", "sweep", "dataset", "tolerance"},
+        mode="json",
+    )
     return json.dumps(data)
 
 
-def _geometry(station: Station) -> str:
+def geometry(station: Station) -> str:
     """Return what a light map depends on, as text."""
     tunnel: dict[str, Any] = station.tunnel.model_dump(
         exclude={key for section, key in LIGHT if section == "tunnel"}

@@ -1,0 +1,202 @@
+"""Photon transfer: how the variance of grey levels grows with the level, and what that tells.
+
+J. R. Janesick, Photon transfer, SPIE (2007); EMVA 1288, release 4, 6.6. A sample's variance is
+K mu + (K sigma_d)^2 + 1/12 with K the gain in DN per electron and mu its level over black. What a
+camera's place or the part's trembling adds goes with the square of the slope of the light, and what
+uneven gains add with that of the level.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpuspec.errors import FrameError
+from gpuspec.frames.fringes import Measured
+
+Array = NDArray[np.float64]
+QUANTISED = 1 / 12
+"""Variance of rounding to whole grey levels, DN^2."""
+_BINS = 40
+_LEAST = 0.02  # DN^2
+_MAY_BE_NOTHING = np.array([False, False, True, True])
+"""Of the terms of a variance: trembling and uneven gain."""
+_LEVERAGE = 0.7
+_STRANGE = 4.5  # standard deviations
+_CLEAR = 4.0  # standard deviations from black and from full scale, nearer than which noise is cut
+
+
+@dataclass(frozen=True, eq=False)
+class Transfer:
+    """Variance over level.
+
+    Attributes
+    ----------
+    level_dn, variance_dn2, samples : ndarray, shape (n,)
+        Of the samples of about one level: their mean level, variance less what the light's slope
+        adds, and number.
+    gain_dn_per_e : Measured
+    dark_dn2 : Measured
+        Variance at black level, without rounding.
+    jitter : Measured
+        Rms of the light's place from image to image, in periods.
+    uneven : Measured or None
+        Rms of the pixels' gain, where it was not taken off before.
+    """
+
+    level_dn: Array
+    variance_dn2: Array
+    samples: NDArray[np.int64]
+    gain_dn_per_e: Measured
+    dark_dn2: Measured
+    jitter: Measured
+    uneven: Measured | None
+
+    def variance(self, level_dn: Array) -> Array:
+        """Return the variance of grey levels, DN^2.
+
+        Parameters
+        ----------
+        level_dn : ndarray
+            Above black.
+        """
+        dark = max(self.dark_dn2.value, 0.0) + QUANTISED
+        return dark + self.gain_dn_per_e.value * np.maximum(level_dn, 0)
+
+
+def photon_transfer(
+    levels: NDArray[Any],
+    expected: Array,
+    slope: Array,
+    black_dn: float,
+    full_scale_dn: float,
+    *,
+    own: bool = True,
+) -> Transfer:
+    """Return how variance grows with level, from samples about what is expected of them.
+
+    Parameters
+    ----------
+    levels : ndarray, shape (n, K)
+        Grey levels of n pixels in K images.
+    expected : ndarray, shape (n, K)
+        What a flawless pixel there would show, DN.
+    slope : ndarray, shape (n, K)
+        By how much that changes over a period of the light, DN.
+    black_dn, full_scale_dn : float
+    own : bool
+        Whether each pixel's own offset, gain and place on the light are taken off first: a part is
+        never quite even. Without it, as under stripes that leave a pixel few levels between dark
+        and saturated, what gains add goes with the square of the level.
+
+    Returns
+    -------
+    Transfer
+
+    Raises
+    ------
+    FrameError
+        If too few samples are clear of black and of saturation.
+
+    Examples
+    --------
+    >>> from gpuspec.frames.photon_transfer import photon_transfer
+    >>> rng, mean = np.random.default_rng(5), np.linspace(20, 220, 20) + np.zeros((5000, 1))
+    >>> levels = np.rint(rng.normal(mean, np.sqrt(0.03 * mean + 1.0)))
+    >>> found = photon_transfer(levels, mean, np.zeros_like(mean), 0.0, 255.0)
+    >>> bool(abs(found.gain_dn_per_e.value - 0.03) < 3 * found.gain_dn_per_e.uncertainty)
+    True
+    """
+    signal = expected - black_dn
+    guess = float(np.median((levels - expected) ** 2) * 2.2) or 0.25
+    solution = np.array([max(guess, 0.25), 0.0, 0.0, 0.0])
+    for _ in range(4):
+        variance = _variance(solution, signal, slope)
+        noise = np.sqrt(variance)
+        clear = (signal > _CLEAR * noise) & (expected < full_scale_dn - _CLEAR * noise)
+        if own:
+            rest, leverage = _own(levels - expected, signal, slope, clear / variance)
+            clear &= leverage < _LEVERAGE
+        else:
+            rest, leverage = levels - expected, np.zeros_like(signal)
+        clear &= rest**2 < _STRANGE**2 * variance + 1  # dust, and what is no even part's
+        if np.count_nonzero(clear) < 50 * _BINS:
+            raise FrameError(
+                "too few grey levels are clear of black and of saturation to tell the noise; take "
+                "the frames at a shorter exposure, or of a larger region."
+            )
+        at, steep, weight = signal[clear], slope[clear] ** 2, 1 / variance[clear]
+        square = rest[clear] ** 2 / (1 - leverage[clear])
+        design = np.column_stack([np.ones_like(at), at, steep, at**2])
+        scale = np.maximum(design.max(axis=0), 1e-12)
+        some = np.array([True, True, steep.max() > 1e-6, not own])
+        while True:  # without what comes out below 0
+            scaled = (design / scale)[:, some] * weight[:, None]
+            inverse = np.linalg.inv(scaled.T @ scaled)
+            solution = np.zeros(4)
+            solution[some] = inverse @ (scaled.T @ (square * weight)) / scale[some]
+            below = some & (solution < 0) & _MAY_BE_NOTHING
+            if solution[1] <= 0 and not below.any():
+                below = some & _MAY_BE_NOTHING
+            if not below.any():
+                break
+            some &= ~below
+    if solution[1] <= 0:
+        raise FrameError(
+            "the noise of these frames does not grow with the grey level, so the photon transfer "
+            "tells nothing; take single frames as the camera gives them, neither averaged nor "
+            "noise-free."
+        )
+    spread = np.zeros(4)
+    # Of squares of normal numbers the variance is twice the square of theirs.
+    spread[some] = np.sqrt(2 * np.diag(inverse)) / scale[some]
+    square = square - np.maximum(solution[2:], 0) @ design[:, 2:].T
+    edges = np.quantile(at, np.linspace(0, 1, _BINS + 1))
+    bins = np.clip(np.searchsorted(edges, at, "right") - 1, 0, _BINS - 1)
+    number = np.bincount(bins, minlength=_BINS)
+    kept = number > 0
+
+    def mean(of: Array) -> Array:
+        found: Array = np.bincount(bins, of, _BINS)[kept] / number[kept]
+        return found
+
+    return Transfer(
+        mean(at), mean(square), number[kept],
+        Measured(float(solution[1]), float(spread[1])),
+        Measured(float(solution[0]) - QUANTISED, float(spread[0])),
+        _root(solution[2], spread[2]), None if own else _root(solution[3], spread[3]),
+    )  # fmt: skip
+
+
+def _root(square: float, spread: float) -> Measured:
+    """Return the root of a square that may have come out below 0."""
+    root = float(np.sqrt(max(square, 0.0)))
+    return Measured(root, float(spread) / (2 * root) if square > spread else float(spread) ** 0.5)
+
+
+def _variance(solution: Array, signal: Array, slope: Array) -> Array:
+    dark, gain, tremble, uneven = np.maximum(solution, 0)
+    found: Array = dark + gain * np.maximum(signal, 0) + tremble * slope**2 + uneven * signal**2
+    return np.maximum(found, _LEAST)
+
+
+def _own(rest: Array, signal: Array, slope: Array, weight: Array) -> tuple[Array, Array]:
+    """Take each pixel's offset, gain and place off what is left of its levels.
+
+    Returns
+    -------
+    rest : ndarray, shape (n, K)
+    leverage : ndarray, shape (n, K)
+        By how much less each sample varies about the fit than by itself.
+    """
+    design = np.stack([np.ones_like(signal), signal, slope], axis=2)
+    design /= np.maximum(np.abs(design).max(axis=(0, 1)), 1e-12)
+    weighted = design * weight[:, :, None]
+    normal = np.einsum("nki,nkj->nij", weighted, design) + 1e-9 * np.eye(3)
+    inverse = np.linalg.inv(normal)
+    solution = np.einsum("nij,nkj,nk->ni", inverse, weighted, rest, optimize=True)
+    leverage = np.einsum("nki,nij,nkj->nk", design, inverse, weighted, optimize=True)
+    return rest - np.einsum("nki,ni->nk", design, solution), leverage

@@ -1,0 +1,81 @@
+"""Where the light ever comes: the part, without its mount and its edges."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from skimage.filters import threshold_otsu
+
+from gpuspec.arrays import Mask
+from gpuspec.errors import FrameError
+
+_MARGIN = 64
+"""What part of a frame's smaller side is left at the region's edge, where mounts glare."""
+
+
+def lit_region(modulation: NDArray[np.floating[Any]], margin_px: float | None = None) -> Mask:
+    """Return the largest region over which the light passes, less a margin.
+
+    A pixel belongs to it if its grey level changes over the sequence by more than Otsu's threshold
+    over the frame; holes in it, scratches and dust, belong to it too.
+
+    Parameters
+    ----------
+    modulation : ndarray, shape (M, N)
+        Greatest less least grey level of each pixel over the sequence, DN.
+    margin_px : float, optional
+        What is left at its edge; None: a 64th of the smaller side.
+
+    Returns
+    -------
+    ndarray of bool, shape (M, N)
+
+    Raises
+    ------
+    FrameError
+        If the light changes nowhere, or nothing is left within the margin.
+
+    Examples
+    --------
+    >>> from gpuspec.frames.region import lit_region
+    >>> modulation = np.zeros((60, 80))
+    >>> modulation[10:40, 20:60] = 90
+    >>> int(lit_region(modulation, 5).sum())
+    600
+    """
+    if not np.ptp(modulation) > 0:
+        raise FrameError("the light changes nowhere over the sequence; name a region instead.")
+    level = float(threshold_otsu(modulation))  # type: ignore[no-untyped-call]
+    whole = largest(modulation > level)
+    margin = min(modulation.shape) / _MARGIN if margin_px is None else margin_px
+    inside: Mask = ndimage.distance_transform_edt(np.pad(whole, 1))[1:-1, 1:-1] > margin
+    if not inside.any():
+        raise FrameError(
+            f"nothing is left of the lit region within its margin of {margin:g} px; give a smaller "
+            f"one, or name a region instead."
+        )
+    return inside
+
+
+def largest(mask: Mask, among: Mask | None = None) -> Mask:
+    """Return the largest connected region of a mask, its holes filled.
+
+    Parameters
+    ----------
+    mask : ndarray of bool, shape (M, N)
+        With at least one pixel.
+    among : ndarray of bool, shape (M, N), optional
+        Pixels by which sizes are told; None: all.
+
+    Returns
+    -------
+    ndarray of bool, shape (M, N)
+    """
+    labels, _ = ndimage.label(mask)
+    told = labels.ravel() if among is None else labels[among]
+    counts = np.bincount(told, minlength=2)
+    whole: Mask = ndimage.binary_fill_holes(labels == 1 + int(counts[1:].argmax()))
+    return whole

@@ -1,0 +1,241 @@
+"""A light map whose pixels have sub-rays where they matter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from copy import copy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpuspec.arrays import Image
+from gpuspec.light.float64_noise import Moments
+from gpuspec.light.levels import LevelCounter, Levels, Pixels, Sample, Zones
+from gpuspec.light.light_map import LightMap, LightMapArrays, in_closed_form
+from gpuspec.light.patterns import Pattern
+from gpuspec.light.refined_levels import RefinedCounter
+from gpuspec.light.refinement import SIDES, Neighbourhood, bend_of
+from gpuspec.station.station import Station
+
+Trace = Callable[[Station, Pixels | None], LightMap]
+"""Traces a station of a fixed number of sub-rays: its image, or a list of pixels."""
+
+
+class RefinedLightMap(LightMap):
+    """A light map of one footprint per pixel, and lists of pixels with n x n sub-rays.
+
+    Every image is that of one footprint, with the lists' pixels put into it.
+
+    Parameters
+    ----------
+    station : Station
+        With ``camera.subsampling = "auto"``.
+    trace : callable
+        Of a backend.
+    pixels : ndarray of uint32, shape (n,), optional
+        Those of a list; None: all of the image.
+    needed : callable, optional
+        Returns, from the list's light map of one footprint, how many sub-rays each pixel needs on
+        a side, where the list holds what tells; None: the neighbours of all are traced to tell.
+    """
+
+    def __init__(
+        self,
+        station: Station,
+        trace: Trace,
+        pixels: Pixels | None = None,
+        needed: Callable[[LightMap], NDArray[np.uint8]] | None = None,
+    ) -> None:
+        self.station, self.pixels = station, pixels
+        self.base = trace(with_side(station, 1), pixels)
+        self._coarse = lambda some: trace(with_side(station, 1), some)
+        sides = (needed(self.base) if needed else self._needed(trace)).ravel()
+        candidates = _not_one(sides)
+        self.finer: tuple[LightMap, ...] = ()
+        self.places: tuple[Pixels, ...] = ()
+        """Where the pixels of each list stand in the image, or in the list that this is of."""
+        for side in SIDES:
+            places = candidates[sides[candidates] == side]
+            if len(places):
+                numbers = places if pixels is None else pixels[places]
+                self.finer += (trace(with_side(station, side), numbers),)
+                self.places += (places,)
+
+    def _needed(self, trace: Trace) -> NDArray[np.uint8]:
+        if self.pixels is None:
+            return self.base.sides_needed()
+        # A pixel's neighbours tell what it needs: those of a list are traced with theirs.
+        return _needed_in_list(self.station, self.pixels, trace)
+
+    @property
+    def refined(self) -> dict[int, int]:
+        """See :attr:`LightMap.refined`."""
+        return {
+            int(part.station.camera.side): len(places)
+            for part, places in zip(self.finer, self.places, strict=True)
+        }
+
+    @property
+    def parts(self) -> tuple[LightMap, ...]:
+        """The light map of one footprint and the lists."""
+        return (self.base, *self.finer)
+
+    def _put_in(self, image: NDArray[Any], of: Callable[[LightMap], NDArray[Any]]) -> NDArray[Any]:
+        """Put what the lists give into an image of one footprint."""
+        for part, places in zip(self.finer, self.places, strict=True):
+            image.flat[places] = of(part)[0]
+        return image
+
+    def release(self) -> None:
+        """See :meth:`LightMap.release`."""
+        for part in self.parts:
+            part.release()
+        super().release()
+
+    def with_pattern(self, pattern: Pattern) -> LightMap:
+        """See :meth:`LightMap.with_pattern`."""
+        self.held()
+        lit = copy(self)
+        lit.base = self.base.with_pattern(pattern)
+        lit.finer = tuple(part.with_pattern(pattern) for part in self.finer)
+        lit.pattern = pattern
+        return lit
+
+    def failures(self) -> AbstractContextManager[None]:
+        """See :meth:`LightMap.failures`."""
+        return self.base.failures()
+
+    def faulty(self) -> float:
+        """See :meth:`LightMap.faulty`."""
+        self.held()
+        return max(part.faulty() for part in self.parts)
+
+    def read(self) -> LightMapArrays:
+        """Bring the light map of one footprint per pixel home."""
+        self.held()
+        return self.base.read()
+
+    def lost(self) -> NDArray[np.uint8]:
+        """See :meth:`LightMap.lost`."""
+        self.held()
+        return self._put_in(self.base.lost(), lambda part: part.lost())
+
+    def image(self, k: int, station: Station | None = None) -> Image:
+        """See :meth:`LightMap.image`."""
+        station = self.lit_by(station)
+        number = self.image_number(k, station)
+        return self._put_in(
+            self.base.image(number, self.base.under(station)),
+            lambda part: part.image(number, part.under(station)),
+        )
+
+    def mean(self, station: Station | None = None) -> Image:
+        """See :meth:`LightMap.mean`."""
+        station = self.lit_by(station)
+        return self._put_in(
+            self.base.mean(self.base.under(station)),
+            lambda part: part.mean(part.under(station)),
+        )
+
+    def fuse(self, station: Station | None = None) -> dict[str, Image]:
+        """See :meth:`LightMap.fuse`."""
+        station = self.lit_by(station)
+        fused = self.base.fuse(self.base.under(station))
+        for part, places in zip(self.finer, self.places, strict=True):
+            for name, image in part.fuse(part.under(station)).items():
+                fused[name].flat[places] = image[0]
+        return fused
+
+    def closed_form(self, station: Station | None = None) -> Image:
+        """See :meth:`LightMap.closed_form`.
+
+        Of the lists' pixels image by image: their sub-rays saturate together.
+        """
+        station = self.lit_by(station)
+        return self._put_in(
+            self.base.closed_form(self.base.under(station)),
+            lambda part: part.means_of_exposures(part.under(station), [station.sensor.exposure])[0],
+        )
+
+    def moments(self, station: Station | None = None) -> Moments:
+        """See :meth:`LightMap.moments`."""
+        station = self.noisy(station)
+        found = self.base.moments(self.base.under(station))
+        for part, places in zip(self.finer, self.places, strict=True):
+            own = part.summed_moments(part.under(station))
+            found.mean.flat[places] = own.mean[0]
+            found.deviation.flat[places] = own.deviation[0]
+        return found
+
+    def one_draw(self, station: Station | None = None) -> Image:
+        """See :meth:`LightMap.one_draw`. Of the lists' pixels all images are drawn."""
+        station = self.noisy(station)
+        return self._put_in(
+            self.base.one_draw(self.base.under(station)),
+            lambda part: part.mean(part.under(station)),
+        )
+
+    def counter(self, zones: Zones, sample: Sample | None = None) -> LevelCounter:
+        """See :meth:`LightMap.counter`."""
+        self.held()
+        by_images = type(self.base).counter is LightMap.counter
+        if by_images or self.pixels is not None or not self.finer:
+            return super().counter(zones, sample) if by_images else self.base.counter(zones, sample)
+        return _ByWay(
+            RefinedCounter(self.base, self.finer, self.places, self._coarse, zones, sample),
+            super().counter(zones, sample),
+        )
+
+
+@dataclass(frozen=True)
+class _ByWay:
+    """Counts closed forms by one counter and all other images by another."""
+
+    closed: LevelCounter
+    other: LevelCounter
+
+    def count(self, stations: Sequence[Station]) -> Levels:
+        """See :meth:`gpuspec.light.levels.LevelCounter.count`."""
+        closed = np.array([in_closed_form(station) for station in stations])
+        found: Levels | None = None
+        for counter, which in ((self.closed, closed), (self.other, ~closed)):
+            where = np.flatnonzero(which)
+            if len(where):
+                some = counter.count([stations[i] for i in where.tolist()])
+                found = found or Levels.empty(len(stations), some.peaks.shape[1])
+                found.put(where, some)
+        return found or Levels.empty(0, 0)
+
+
+def with_side(station: Station, side: int) -> Station:
+    """Return a station whose pixels all have side x side sub-rays.
+
+    Parameters
+    ----------
+    station : Station
+    side : int
+    """
+    camera = station.camera.model_copy(update={"subsampling": side})
+    return station.model_copy(update={"camera": camera})
+
+
+def _not_one(needed: NDArray[np.uint8]) -> Pixels:
+    """Return where bytes are not 1, eight at a look: most are."""
+    whole = len(needed) // 8 * 8
+    eights = np.flatnonzero(needed[:whole].view(np.uint64) != 0x0101010101010101)
+    near = (8 * eights[:, None] + np.arange(8)).ravel()
+    places = np.concatenate([near, np.arange(whole, len(needed))]).astype(np.uint32)
+    found: Pixels = places[needed[places] != 1]
+    return found
+
+
+def _needed_in_list(station: Station, pixels: Pixels, trace: Trace) -> NDArray[np.uint8]:
+    """Return the sub-rays on a side that each pixel of a list needs, as in the image."""
+    own, places = np.unique(pixels, return_inverse=True)
+    around = Neighbourhood(own.astype(np.int64), station.shape)
+    arrays = trace(with_side(station, 1), around.pixels.astype(np.uint32)).read()
+    light, wide = arrays.light_mm[0, 0], arrays.wide_mm[0, 0]
+    return around.sides_needed(light, wide, bend_of(station.camera))[places]

@@ -1,0 +1,157 @@
+"""Levels of an image of one footprint per pixel, with lists of refined pixels put into it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpuspec.arrays import Mask
+from gpuspec.light.constants import LEVELS, NO_PIXEL
+from gpuspec.light.levels import (
+    Counts,
+    Levels,
+    Pixels,
+    Sample,
+    Zones,
+    levels_per_dn,
+)
+from gpuspec.light.light_map import LightMap
+from gpuspec.station.station import Station
+
+
+class RefinedCounter:
+    """Counts levels on a device that counts those of one footprint, and puts right what is refined.
+
+    Parameters
+    ----------
+    base : LightMap
+        Of one footprint per pixel; its counter takes any pixel of the image that is in no zone for
+        outside.
+    finer : sequence of LightMap
+        Lists of the refined pixels, no pixel twice.
+    places : sequence of ndarray of uint32
+        Where those of each list stand in the image, or in the list that `base` is of.
+    coarse : callable
+        Traces a list of pixels with one footprint each; not needed with a sample.
+    zones : Zones
+    sample : Sample, optional
+        Pixels that stand for all others, of which no refined one is looked at; None: all are
+        counted.
+    """
+
+    def __init__(
+        self,
+        base: LightMap,
+        finer: Sequence[LightMap],
+        places: Sequence[Pixels],
+        coarse: Callable[[Pixels], LightMap] | None,
+        zones: Zones,
+        sample: Sample | None,
+    ) -> None:
+        refined = np.zeros(zones.valid.shape, bool)
+        for own in places:
+            refined.flat[own] = True
+        self._coarse: LightMap | None = None
+        if sample is None and coarse is not None:
+            self._coarse = coarse(np.flatnonzero(refined & zones.valid).astype(np.uint32))
+        elif sample is not None:
+            of_zones = np.zeros_like(refined)
+            of_zones.flat[zones.pixels] = True
+            near = sample.near[~refined.flat[sample.near]]
+            of_zones.flat[sample.near] = True
+            of_zones.flat[zones.guard] = True
+            refined &= of_zones
+            sample = replace(sample, near=near)
+        owner = np.full(zones.valid.shape, -1, np.int64)
+        owner.flat[zones.pixels] = np.repeat(np.arange(len(zones.sizes)), zones.sizes)
+        guard = np.zeros(zones.valid.shape, np.bool_)
+        guard.flat[zones.guard] = True
+        counted = refined & zones.valid
+        self._lists = [
+            _List.of(part, own, owner, counted, guard)
+            for part, own in zip(finer, places, strict=True)
+        ]
+        self._inner = base.counter(replace(zones.only(~refined), valid=zones.valid), sample)
+
+    def count(self, stations: Sequence[Station]) -> Levels:
+        """See :meth:`gpuspec.light.levels.LevelCounter.count`."""
+        found = self._inner.count(stations)
+        for group in _alike(stations):
+            exposures = [stations[i].sensor.exposure for i in group]
+            station = stations[group[0]]
+            scale = station.sensor.full_scale_dn
+            if self._coarse is not None:
+                for i in group:
+                    image = self._coarse.counted(self._coarse.under(stations[i]))
+                    found.outside[i] -= _counts(_levels(image, scale))[0]
+            for one in self._lists:
+                part = one.light_map
+                if station.sensor.noise:
+                    means = np.stack([part.mean(part.under(stations[i])) for i in group])
+                else:
+                    means = part.means_of_exposures(part.under(station), exposures)
+                one.count(_levels(means[:, 0], scale), found, group)
+        return found
+
+
+@dataclass(frozen=True)
+class _List:
+    """The refined pixels of one light map: of the zones in their order, of none, of the guard."""
+
+    light_map: LightMap
+    order: NDArray[np.intp]
+    first: NDArray[np.intp]
+    zones: NDArray[np.int64]
+    inside: int
+    beyond: int
+
+    @classmethod
+    def of(
+        cls, part: LightMap, places: Pixels, owner: NDArray[np.int64], counted: Mask, guard: Mask
+    ) -> _List:
+        """Sort them; those that are not to be counted are left out."""
+        own = owner.flat[places]
+        kept = np.flatnonzero(counted.flat[places])
+        rank = np.where(own[kept] < 0, NO_PIXEL + guard.flat[places[kept]], own[kept])
+        order = kept[np.argsort(rank, kind="stable")]
+        inside = int(np.count_nonzero(own[order] >= 0))
+        zones, first = np.unique(own[order[:inside]], return_index=True)
+        beyond = len(order) - int(np.count_nonzero(guard.flat[places[kept]]))
+        return cls(part, order, first, zones, inside, beyond)
+
+    def count(self, level: NDArray[np.int64], found: Levels, group: Sequence[int]) -> None:
+        """Add the levels of some designs, (designs, pixels), to what was found of them."""
+        sorted_ = level[:, self.order]
+        found.inside[group] += _counts(sorted_[:, : self.inside])
+        guard = _counts(sorted_[:, self.beyond :])
+        found.outside[group] += _counts(sorted_[:, self.inside : self.beyond]) + guard
+        found.guard[group] += guard
+        if len(self.first):
+            highest = np.maximum.reduceat(sorted_[:, : self.inside], self.first, axis=1)
+            peaks = found.peaks[group]
+            peaks[:, self.zones] = np.maximum(peaks[:, self.zones], highest)
+            found.peaks[group] = peaks
+
+
+def _alike(stations: Sequence[Station]) -> list[list[int]]:
+    """Return the numbers of designs that differ in exposure alone, together."""
+    groups: dict[object, list[int]] = {}
+    for i, station in enumerate(stations):
+        sensor = station.sensor.model_copy(update={"exposure": 1.0})
+        groups.setdefault((station.tunnel, station.sequence, sensor), []).append(i)
+    return list(groups.values())
+
+
+def _levels(images: NDArray[np.float32], full_scale_dn: float) -> NDArray[np.int64]:
+    level: NDArray[np.int64] = np.ceil(images * levels_per_dn(full_scale_dn)).astype(np.int64)
+    return level.clip(0, LEVELS - 1)
+
+
+def _counts(level: NDArray[np.int64]) -> Counts:
+    """Return how often each level comes in each row, shape (rows, 256)."""
+    rows = len(level)
+    apart = level + LEVELS * np.arange(rows)[:, None]
+    return np.bincount(apart.ravel(), minlength=LEVELS * rows).reshape(rows, LEVELS)

@@ -1,0 +1,226 @@
+"""Sub-rays where they matter: which pixels of a light map one footprint does not tell.
+
+A footprint takes the light coordinate l for linear over its pixel. Where it is not, n x n sub-rays,
+each with a footprint of its own, leave second differences n^2 times smaller. A second difference d
+beside the width w makes the kernel wider by about d^2/(50 w), which counts by full scale over the
+period for each mm, and skews it by some d/8: where few images step by more than w, a pixel at the
+edge of a stripe is then off by full scale times exposure over images, times d/(8 w). So a sub-ray
+may bend by a share of the width (`BEND`) and, where widths are large, of `WIDTH_MM`; neither the
+stripes nor the exposure nor the number of images is asked, and one list serves every design. Where
+the surface bends within less than a pixel, the light coordinates of its neighbours may not tell,
+but their widths do: they are first differences.
+
+Of the pixels left at one footprint 1 in 10,000 is off by more than 0.1 of 255 grey levels and none
+by more than 0.3, on 36 random stations with 8 to 100 images and exposures up to 8; at a bend of 0.3
+it is 5 in 10,000, up to 1.1. Without the bound in mm the error
+of those refined is up to three times as large.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpuspec.part.guard import widened
+from gpuspec.station.sections import Camera
+
+Ints = NDArray[np.int64]
+
+BEND = 0.2
+"""Largest second difference of the light coordinate over a sub-ray, in widths of the pixel."""
+
+WIDTH_MM = 1.0
+"""Larger widths count as this."""
+
+SIDES = (2, 4, 8)
+"""Sub-rays on each side of a refined pixel."""
+
+_BAND = 256  # rows at once, which a processor's cache holds
+
+
+def bend_of(camera: Camera) -> float:
+    """Return the largest second difference over a sub-ray of a camera's pixels, see ``BEND``.
+
+    Sub-rays of a pixel that looks at a spot wider than itself lie that much further apart.
+
+    Parameters
+    ----------
+    camera : Camera
+    """
+    return BEND * (camera.sampling_mm / camera.spot_side_mm) ** 2
+
+
+def sides_needed(
+    light: NDArray[np.float32], wide: NDArray[np.float32], bend: float = BEND
+) -> NDArray[np.uint8]:
+    """Return how many sub-rays each pixel needs on each side.
+
+    Parameters
+    ----------
+    light, wide : ndarray of float32, shape (M, N)
+        Light coordinate and the wider of the footprint's boxes with one ray per pixel, mm. Where
+        light is lost both are what no neighbour has, so that edges of loss are refined.
+    bend : float
+        See :func:`bend_of`.
+
+    Returns
+    -------
+    ndarray of uint8, shape (M, N)
+        1, or one of ``SIDES``.
+
+    Examples
+    --------
+    >>> from gpuspec.light.refinement import sides_needed
+    >>> light = np.tile(np.float32([0, 1, 2, 3, 4, 5.5, 8, 12, 16, 20, 24]), (5, 1))
+    >>> sides_needed(light, np.full_like(light, 2))[2].tolist()
+    [1, 1, 1, 2, 4, 4, 4, 4, 1, 1, 1]
+    """
+    rows, columns = light.shape
+    found = np.empty(light.shape, np.uint8)
+    across = np.zeros(columns, bool)
+    across[1:-1] = True
+    for first in range(0, rows, _BAND):
+        last = min(first + _BAND, rows)
+        above, below = max(first - 2, 0), min(last + 2, rows)
+        down = np.arange(above, below)
+        inner = (down > 0) & (down < rows - 1)
+        near = [np.pad(plane[above:below], 1, "edge") for plane in (light, wide)]
+        change = _spread(_changes(near[0], near[1], inner, across))
+        found[first:last] = _sides(change[first - above : last - above], wide[first:last], bend)
+    return found
+
+
+class Neighbourhood:
+    """Pixels of an image, and their neighbours, which tell how many sub-rays they need.
+
+    Parameters
+    ----------
+    own : ndarray of int64, shape (n,)
+        Flat indices, ascending, none twice.
+    shape : tuple of int
+        Rows and columns of the image.
+
+    Attributes
+    ----------
+    pixels : ndarray of int64, shape (k,)
+        They, and all within two pixels of them; likewise.
+    """
+
+    def __init__(self, own: Ints, shape: tuple[int, int]) -> None:
+        around = widened(own, shape)
+        self.pixels = widened(around, shape)
+        self._near = _neighbours(around, self.pixels, shape)
+        self._spread = _neighbours(own, around, shape)
+        self._own = self._near[self._spread[:, 1, 1], 1, 1]
+        self._inner = [
+            ((axis > 0) & (axis < size - 1))[:, None]
+            for axis, size in zip(np.divmod(around, shape[1]), shape, strict=True)
+        ]
+
+    def sides_needed(
+        self, light: NDArray[np.float32], wide: NDArray[np.float32], bend: float = BEND
+    ) -> NDArray[np.uint8]:
+        """Return how many sub-rays the n pixels need on each side, see :func:`sides_needed`.
+
+        Parameters
+        ----------
+        light, wide : ndarray of float32, shape (k,)
+            Of `pixels`, in their order.
+        bend : float
+            See :func:`bend_of`.
+        """
+        change = _changes(light[self._near], wide[self._near], *self._inner).ravel()
+        return _sides(change[self._spread].max(axis=(1, 2), initial=0), wide[self._own], bend)
+
+
+def _neighbours(pixels: Ints, among: Ints, shape: tuple[int, int]) -> Ints:
+    """Return where the 3 x 3 around each pixel, on the border the nearest, stand among others."""
+    rows, columns = shape
+    row, column = np.divmod(pixels, columns)
+    found = np.empty((len(pixels), 3, 3), np.int64)
+    for step in (-1, 0, 1):
+        middle = np.searchsorted(among, np.clip(row + step, 0, rows - 1) * columns + column)
+        found[:, step + 1, 0] = middle - (column > 0)
+        found[:, step + 1, 1] = middle
+        found[:, step + 1, 2] = middle + (column < columns - 1)
+    return found
+
+
+def counted(refined: Mapping[int, int]) -> dict[str, int]:
+    """Return how much was refined as `score.json` has it.
+
+    Parameters
+    ----------
+    refined : mapping of int to int
+        Number of pixels of n x n sub-rays, by n.
+
+    Examples
+    --------
+    >>> from gpuspec.light.refinement import counted
+    >>> counted({2: 100, 8: 7})
+    {'pixels': 107, 'sub_rays': 848, '2': 100, '4': 0, '8': 7}
+    """
+    pixels = {side: refined.get(side, 0) for side in SIDES}
+    return {
+        "pixels": sum(pixels.values()),
+        "sub_rays": sum(side**2 * count for side, count in pixels.items()),
+        **{str(side): count for side, count in pixels.items()},
+    }
+
+
+def _sides(
+    change: NDArray[np.float32], wide: NDArray[np.float32], bend: float
+) -> NDArray[np.uint8]:
+    """Return the least number of sub-rays on a side that leaves a bend below the bound."""
+    found = np.full(change.shape, SIDES[-1], np.uint8)
+    bound = np.float32(bend) * np.minimum(wide, np.float32(WIDTH_MM))
+    for side in (*SIDES[-2::-1], 1):
+        found[change <= bound * np.float32(side**2)] = side
+    return found
+
+
+def _changes(
+    light: NDArray[np.float32],
+    wide: NDArray[np.float32],
+    down: NDArray[np.bool_],
+    across: NDArray[np.bool_],
+) -> NDArray[np.float32]:
+    """Return |l_cc| + |l_rr| + 2 |l_cr| over a pixel, or more: a neighbour's width less one's own.
+
+    Parameters
+    ----------
+    light, wide : ndarray of float32, shape (..., rows + 2, columns + 2)
+    down, across : ndarray of bool, shape (..., rows) and (..., columns)
+        Rows and columns that have neighbours on both sides; for others differences are 0.
+    """
+    middle = light[..., 1:-1, 1:-1]
+    twice = 2 * middle
+    columns = np.abs(light[..., 1:-1, :-2] - twice + light[..., 1:-1, 2:])
+    rows = np.abs(light[..., :-2, 1:-1] - twice + light[..., 2:, 1:-1])
+    mixed = (light[..., 2:, 2:] - light[..., 2:, :-2]) - (
+        light[..., :-2, 2:] - light[..., :-2, :-2]
+    )
+    down, across = down[..., :, None], across[..., None, :]
+    change: NDArray[np.float32] = columns * across
+    change += rows * down
+    change += np.float32(0.5) * np.abs(mixed) * (down & across)
+    own = wide[..., 1:-1, 1:-1]
+    for beside in (
+        wide[..., 1:-1, :-2], wide[..., 1:-1, 2:], wide[..., :-2, 1:-1], wide[..., 2:, 1:-1]
+    ):  # fmt: skip
+        np.maximum(change, np.abs(own - beside), out=change)
+    return change
+
+
+def _spread(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the largest of the 3 x 3 around each: a bend may lie between two pixels."""
+    for axis in (0, 1):
+        ahead, behind = np.moveaxis(values, axis, 0)[1:], np.moveaxis(values, axis, 0)[:-1]
+        largest = values.copy()
+        along = np.moveaxis(largest, axis, 0)
+        np.maximum(along[:-1], ahead, out=along[:-1])
+        np.maximum(along[1:], behind, out=along[1:])
+        values = largest
+    return values

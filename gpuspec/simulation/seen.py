@@ -1,0 +1,116 @@
+"""One part under a design, at its threshold: what is hit, what is false, and what room is left."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpuspec.arrays import BESIDE
+from gpuspec.detection.connected import connected
+from gpuspec.detection.expected import Expected
+from gpuspec.detection.false_blobs import false_blobs, least_pixels
+from gpuspec.light.light_map import has_noisy_form
+from gpuspec.part.guard import near
+from gpuspec.simulation.simulate import Traced
+from gpuspec.station.station import Station
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One part under a design, at its threshold.
+
+    Attributes
+    ----------
+    hit_px, false_zone_px, zone_px : int
+        Detected pixels inside and outside the zones, and pixels of the zones.
+    hits, defects : int
+        Defects hit, and those in view.
+    false_px, false_blobs : int
+        Beyond the guard bands.
+    peaks_dn, sizes_mm, kinds : tuple
+        Of each defect in view: level of its brightest pixel, size and kind.
+    hit : tuple of bool
+        Which of these are hit.
+    flawless_dn : float
+        Highest level of what is flawless.
+    expected : Expected or None
+        What noise makes of it; None without noise, or without a closed form of it.
+    """
+
+    hit_px: int
+    false_zone_px: int
+    zone_px: int
+    hits: int
+    defects: int
+    false_px: int
+    false_blobs: int
+    peaks_dn: tuple[float, ...]
+    sizes_mm: tuple[float, ...]
+    kinds: tuple[str, ...]
+    hit: tuple[bool, ...]
+    flawless_dn: float
+    expected: Expected | None
+
+    def room_dn(self, threshold_dn: float) -> float:
+        """Return what a threshold keeps to what is flawless, or to the faintest defect if less.
+
+        Parameters
+        ----------
+        threshold_dn : float
+
+        Returns
+        -------
+        float
+            DN; below 0 a defect is missed, or something else is detected.
+        """
+        return min(threshold_dn - self.flawless_dn, min(self.peaks_dn, default=0) - threshold_dn)
+
+    @property
+    def margin_dn(self) -> float:
+        """Level of the faintest defect less the highest of what is flawless."""
+        return min(self.peaks_dn, default=0) - self.flawless_dn
+
+    @classmethod
+    def of(cls, traced: Traced, station: Station) -> Seen:
+        """Look at a traced part under a design of its geometry.
+
+        Parameters
+        ----------
+        traced : Traced
+        station : Station
+            With its threshold and size filter.
+        """
+        on_part, truth, rule = traced.lost != BESIDE, traced.truth, station.segmentation
+        light_map, threshold = traced.light_map, float(rule.threshold)
+        aspect = light_map.aspect(station)
+        noisy = has_noisy_form(station)
+        # Of noise the levels are told as they are on average, and its spread beside them.
+        level = light_map.moments(station).mean if noisy else aspect
+        guard = np.zeros(aspect.shape, np.bool_)
+        guard.flat[near(station, traced.relief, truth)] = True
+        least = least_pixels(rule.min_area_mm2, station.camera.sampling_mm)
+        detected = (aspect > threshold) & on_part
+        if least > 1:
+            detected &= connected(detected, least) != 0
+        false = false_blobs(detected, guard, min_area_px=least)
+        defects = len(truth.defects)
+        marked = np.flatnonzero((truth.labels != 0) & on_part)
+        owner = truth.labels.flat[marked]
+        peaks = np.full(defects + 1, -np.inf)
+        np.maximum.at(peaks, owner, level.flat[marked])
+        pixels = np.bincount(owner, minlength=defects + 1)[1:]
+        hit = np.bincount(owner[detected.flat[marked]], minlength=defects + 1)[1:]
+        seen = np.flatnonzero(pixels)
+        flawless = level[on_part & ~guard]
+        return cls(
+            int(hit.sum()), int(np.count_nonzero(detected) - hit.sum()), len(marked),
+            int(np.count_nonzero(hit)), len(seen),
+            int(np.count_nonzero(false)), int(false.max(initial=0)),
+            tuple(peaks[1:][seen].tolist()),
+            tuple(truth.defects[n].size_mm for n in seen),
+            tuple(truth.defects[n].kind for n in seen),
+            tuple((hit[seen] > 0).tolist()),
+            float(flawless.max(initial=0.0)),
+            light_map.expected(threshold, station) if noisy else None,
+        )  # fmt: skip

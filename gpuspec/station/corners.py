@@ -1,0 +1,98 @@
+"""What of a built station may be off, as its ``[tolerance]`` says, and designs that are off."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from gpuspec.errors import StationError
+from gpuspec.station.numeric import check_design, takes_whole_numbers
+from gpuspec.station.paths import at
+from gpuspec.station.station import Station
+
+CORNERS_MAX = 16
+"""Corner designs of one design beside those that move one key alone; of more some at random."""
+
+_SIGNED = "x_mm", "y_mm", "_deg", "_rad"
+
+
+def stated(station: Station) -> dict[str, float]:
+    """Return the tolerances of a station's ``[tolerance]``, each checked to be of a number.
+
+    Parameters
+    ----------
+    station : Station
+
+    Returns
+    -------
+    dict of str to float
+        By key, how far it may be off each way; empty without such a table.
+
+    Raises
+    ------
+    StationError
+        If one is of no key, or of none that is a number.
+    """
+    given = station.tolerance.of if station.tolerance else {}
+    for key in given:
+        try:
+            check_design(key)
+            takes_whole_numbers(station, key)
+        except StationError as error:
+            raise StationError(f"[tolerance]: {error}") from None
+    return dict(given)
+
+
+def corners(station: Station, halves: Mapping[str, float]) -> list[dict[str, float | int]]:
+    """Return what keys take when each is off as far as it may be: one by one, then all at once.
+
+    Parameters
+    ----------
+    station : Station
+    halves : mapping of str to float
+        By key.
+
+    Raises
+    ------
+    StationError
+        If a key is none.
+
+    Examples
+    --------
+    >>> from gpuspec.station.corners import corners
+    >>> station = gpuspec.example("trim")
+    >>> corners(station, {"tunnel.dark_mm": 0.5})
+    [{'tunnel.dark_mm': 5.5}, {'tunnel.dark_mm': 6.5}]
+    >>> len(corners(station, {"tunnel.dark_mm": 0.5, "sensor.exposure": 0.2}))
+    8
+    """
+    keys = list(halves)
+    ends = []
+    for key in keys:
+        value, half = at(station, key), halves[key]
+        if value is None or isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise StationError(
+                f"[tolerance]: {key} has no number in {station.file}, so it cannot be off; set it, "
+                f"or drop its tolerance."
+            )
+        low = value - half
+        if low < 0 <= value and not key.endswith(_SIGNED):
+            low = 0  # of a share, a width or a height there is no less
+        both = low, value + half
+        ends.append([round(e) if isinstance(value, int) else float(f"{e:.9g}") for e in both])
+    found: list[dict[str, float | int]] = [
+        {key: end} for key, own in zip(keys, ends, strict=True) for end in own
+    ]
+    if len(keys) < 2:
+        return found
+    every: Sequence[Any]
+    if 2 ** len(keys) <= CORNERS_MAX:
+        every = list(product(*ends))
+    else:
+        random = np.random.default_rng(0)
+        picks = random.integers(0, 2, (CORNERS_MAX, len(keys)))
+        every = [[own[p] for own, p in zip(ends, row, strict=True)] for row in picks]
+    return [*found, *(dict(zip(keys, one, strict=True)) for one in every)]

@@ -1,0 +1,116 @@
+"""The measures of a table's designs at every threshold: what each has for certain."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute
+from numpy.typing import NDArray
+
+from gpuspec.light.constants import LEVELS
+from gpuspec.station.costs import COSTS
+from gpuspec.sweeps.choosing.front import curves, p1_bounds
+from gpuspec.sweeps.rule import f1_of
+from gpuspec.sweeps.trying.curves import KINDS
+
+Floats = NDArray[np.float64]
+
+COLUMNS = ("design", "exact", "p1", "p2", "hits", "p1_low", "p1_high", "false_px", "peaks", "kinds",
+           "margin_dn", "margin_high_dn", "margin_sigma", "noise_dn", "smallest_mm",
+           *COSTS)  # fmt: skip
+"""Of a sweep's table."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """D designs at every threshold.
+
+    Attributes
+    ----------
+    design : ndarray of int64, shape (D,)
+    exact : ndarray of bool, shape (D,)
+    values : dict of str to ndarray
+        By the name of the measure, and ``room``; shape (D, 256) or (D, 1). Where a design is
+        screened what it has at least: the least P1 and margin, the most false pixels. False blobs
+        are no more than false pixels, and are none where these are none: they are counted of the
+        designs that may be chosen alone.
+    weakest, flawless : ndarray of int64, shape (D,)
+        Level of the faintest defect, and the highest of what is flawless.
+    """
+
+    design: NDArray[np.int64]
+    exact: NDArray[np.bool_]
+    values: dict[str, Floats]
+    weakest: NDArray[np.int64]
+    flawless: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, table: pa.Table, names: Collection[str]) -> Measured | None:
+        """Read the valid designs of a table with `COLUMNS`; None if there are none.
+
+        Parameters
+        ----------
+        table : pyarrow.Table
+        names : collection of str
+            Measures that are wanted.
+        """
+        table = table.filter(pa.compute.is_valid(table["exact"]))
+        if not len(table):
+            return None
+        false = curves(table, "false_px")
+        row, peaks, kinds = _defects(table)
+        weakest = np.full(len(table), LEVELS - 1)
+        np.minimum.at(weakest, row, peaks)
+        flawless = (false > 0).sum(axis=1)
+        level = np.arange(LEVELS)
+        room = np.minimum(level - flawless[:, None], weakest[:, None] - 1 - level)
+        low, _ = p1_bounds(table)
+        values = {
+            "p1": low, "p2": curves(table, "p2"), "hits": curves(table, "hits"),
+            "false_px": false, "false_blobs": false, "room": room.astype(np.float64),
+            **{name: _column(table, name) for name in
+               ("margin_dn", "margin_sigma", "noise_dn", "smallest_mm", *COSTS)},
+        }  # fmt: skip
+        if "f1" in names:
+            values["f1"] = f1_of(values["p1"], values["p2"])
+        for code, kind in enumerate(KINDS):
+            if f"hits.{kind}" in names:
+                counts = np.zeros((len(table), LEVELS))
+                own = kinds == code
+                np.add.at(counts, (row[own], peaks[own]), 1)
+                above = np.zeros_like(counts)
+                above[:, :-1] = counts[:, :0:-1].cumsum(axis=1)[:, ::-1]
+                values[f"hits.{kind}"] = above
+        return cls(table["design"].to_numpy(), table["exact"].to_numpy(), values, weakest, flawless)
+
+
+def counts_of_kinds(table: pa.Table) -> dict[str, int]:
+    """Return how many defects of each kind a design of a table has at most, by ``hits.KIND``.
+
+    Parameters
+    ----------
+    table : pyarrow.Table
+        With `COLUMNS`.
+    """
+    row, _, kinds = _defects(table.filter(pa.compute.is_valid(table["exact"])))
+    return {
+        f"hits.{kind}": int(np.bincount(row[kinds == code]).max(initial=0))
+        for code, kind in enumerate(KINDS)
+    }
+
+
+def _defects(table: pa.Table) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    """Return row, peak and kind of every defect of every design."""
+    peaks, kinds = (table[name].combine_chunks() for name in ("peaks", "kinds"))
+    lengths = pa.compute.list_value_length(peaks).to_numpy(zero_copy_only=False)
+    row = np.repeat(np.arange(len(table)), lengths.astype(np.intp))
+    return row, *(column.flatten().to_numpy().astype(np.intp) for column in (peaks, kinds))
+
+
+def _column(table: pa.Table, name: str) -> Floats:
+    """Return numbers of shape (D, 1), NaN where null."""
+    values: Floats = table[name].to_numpy(zero_copy_only=False).astype(np.float64)
+    return values[:, None]

@@ -1,1 +1,0 @@
-"""A sweep's tasks on several processes or machines, by Dask. Imports `sweeps.crew` and below."""

@@ -1,1 +1,0 @@
-"""Searching between bounds, without a grid. Imports `sweeps.keeping` and what stands below it."""

@@ -1,0 +1,208 @@
+"""A chosen design looked at whole, as `simulate` sees it: every score, exact, part by part."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from gpuspec.detection.score import precision, recall
+from gpuspec.light.backend import Backend
+from gpuspec.simulation.seen import Seen
+from gpuspec.simulation.simulate import trace
+from gpuspec.station.costs import costs
+from gpuspec.station.station import Station
+from gpuspec.sweeps.plan import with_part
+from gpuspec.sweeps.rule import f1_of
+from gpuspec.sweeps.trying.curves import KINDS
+from gpuspec.sweeps.trying.found import smallest_found
+from gpuspec.sweeps.trying.noise import Noise
+from gpuspec.sweeps.trying.parts import geometry
+
+
+@dataclass(frozen=True)
+class Confirmed:
+    """A design at its threshold, over all its parts.
+
+    Attributes
+    ----------
+    station : Station
+        With its threshold, and part 0.
+    parts : tuple of Seen
+    noise_dn : float
+        Of the flawless surface; NaN: not known.
+    """
+
+    station: Station
+    parts: tuple[Seen, ...]
+    noise_dn: float
+
+    @property
+    def weakest_dn(self) -> float:
+        """Level of the faintest defect of all parts."""
+        return min((min(seen.peaks_dn) for seen in self.parts if seen.peaks_dn), default=math.nan)
+
+    @property
+    def flawless_dn(self) -> float:
+        """Highest level of what is flawless, of all parts."""
+        return max(seen.flawless_dn for seen in self.parts)
+
+    @property
+    def defects(self) -> int:
+        """Defects in view, of all parts."""
+        return sum(seen.defects for seen in self.parts)
+
+    def values(self) -> dict[str, float]:
+        """Return every measure of :mod:`gpuspec.sweeps.measures`; NaN: not known."""
+
+        def total(name: str) -> int:
+            return int(sum(getattr(seen, name) for seen in self.parts))
+
+        p1 = float(precision(total("hit_px"), total("false_zone_px")))
+        p2 = float(recall(total("hit_px"), total("zone_px")))
+        margin = self.weakest_dn - self.flawless_dn
+        peaks, sizes = (
+            np.array([value for seen in self.parts for value in getattr(seen, name)])
+            for name in ("peaks_dn", "sizes_mm")
+        )
+        smallest, _ = smallest_found(peaks[None], sizes, np.array([self.flawless_dn]))
+        kinds = {
+            f"hits.{kind}": float(
+                sum(hit for seen in self.parts for k, hit in zip(seen.kinds, seen.hit, strict=True)
+                    if k == kind)
+            )
+            for kind in KINDS
+        }  # fmt: skip
+        cost = {k: math.nan if v is None else float(v) for k, v in costs(self.station).items()}
+        return {
+            "p1": p1, "p2": p2, "f1": float(f1_of(np.array(p1), np.array(p2))),
+            "hits": float(total("hits")), **kinds, "false_px": float(total("false_px")),
+            "false_blobs": float(total("false_blobs")), "margin_dn": margin,
+            "margin_sigma": margin / self.noise_dn if self.noise_dn else math.nan,
+            "noise_dn": self.noise_dn, "smallest_mm": float(smallest[0]), **cost,
+        }  # fmt: skip
+
+    def spread(self) -> dict[str, Any]:
+        """Return what parts and noise make of it: mean and worst, and bounds of the hits.
+
+        Returns
+        -------
+        dict
+            ``hit_share`` with the interval of Clopper and Pearson at 95 %; of several parts mean
+            and worst of P1, P2 and the share hit; with noise ``expected`` of each part.
+        """
+        hits, defects = sum(seen.hits for seen in self.parts), self.defects
+        p1, p2, share = (
+            [
+                float(value)
+                for seen in self.parts
+                for value in [
+                    precision(seen.hit_px, seen.false_zone_px) if name == "p1"
+                    else recall(seen.hit_px, seen.zone_px) if name == "p2"
+                    else seen.hits / max(seen.defects, 1)
+                ]
+            ]
+            for name in ("p1", "p2", "hits")
+        )  # fmt: skip
+        found: dict[str, Any] = {
+            "hit_share": hits / max(defects, 1),
+            "hit_share_95": list(clopper_pearson(hits, defects)),
+            "mean": {"p1": np.mean(p1), "p2": np.mean(p2), "hit_share": np.mean(share)},
+            "worst": {"p1": min(p1), "p2": min(p2), "hit_share": min(share)},
+        }
+        found["mean"] = {name: float(value) for name, value in found["mean"].items()}
+        noisy = [asdict(seen.expected) for seen in self.parts if seen.expected]
+        return {**found, "expected": noisy} if noisy else found
+
+
+def clopper_pearson(hits: int, of: int, confidence: float = 0.95) -> tuple[float, float]:
+    """Return between which shares a chance lies of which so many trials are known.
+
+    Parameters
+    ----------
+    hits, of : int
+        Trials that hit, and all.
+    confidence : float
+
+    Examples
+    --------
+    >>> from gpuspec.sweeps.trying.confirm import clopper_pearson
+    >>> [round(end, 3) for end in clopper_pearson(36, 36)]
+    [0.903, 1.0]
+    """
+    from scipy import special  # slow to import
+
+    risk = (1 - confidence) / 2
+    low = float(special.betaincinv(hits, of - hits + 1, risk)) if hits else 0.0
+    high = float(special.betainccinv(hits + 1, of - hits, risk)) if hits < of else 1.0
+    return low, high
+
+
+def confirm(station: Station, parts: int, backend: Backend) -> Confirmed:
+    """Look at a design part by part, every pixel of it; see :func:`confirm_all`.
+
+    Parameters
+    ----------
+    station : Station
+    parts : int
+    backend : Backend
+    """
+    return confirm_all([station], parts, backend)[0]
+
+
+def confirm_all(stations: Sequence[Station], parts: int, backend: Backend) -> list[Confirmed]:
+    """Look at designs part by part, every pixel; those of one geometry are traced once.
+
+    Parameters
+    ----------
+    stations : sequence of Station
+        With their thresholds and size filters, and part 0.
+    parts : int
+        How many parts to look at.
+    backend : Backend
+
+    Raises
+    ------
+    StationError
+        If a station is impossible.
+    BackendError
+        If the device fails.
+    """
+    groups: dict[str, list[int]] = {}
+    for place, station in enumerate(stations):
+        groups.setdefault(geometry(station), []).append(place)
+    found: dict[int, Confirmed] = {}
+    for places in groups.values():
+        seen: dict[int, list[Seen]] = {place: [] for place in places}
+        noise: Noise | None = None
+        for number in range(parts):
+            own = {place: with_part(stations[place], number) for place in places}
+            first = own[places[0]]
+            traced = trace(first, backend)
+            noise = noise or Noise.traced(first, traced.relief)
+            for place in places:
+                seen[place].append(Seen.of(traced, own[place]))
+            traced.light_map.release()
+        for place in places:
+            deviation = noise.of(stations[place]) if noise else math.nan
+            found[place] = Confirmed(stations[place], tuple(seen[place]), deviation)
+    return [found[place] for place in range(len(stations))]
+
+
+def held_window(confirmed: Sequence[Confirmed]) -> tuple[float, float]:
+    """Return between which thresholds every defect is hit and nothing else, under all of some.
+
+    Parameters
+    ----------
+    confirmed : sequence of Confirmed
+
+    Returns
+    -------
+    low, high : float
+        DN: highest level of what is flawless, level of the faintest defect; low > high: there is
+        none.
+    """
+    return max(c.flawless_dn for c in confirmed), min(c.weakest_dn for c in confirmed)

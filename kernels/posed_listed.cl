@@ -1,0 +1,3 @@
+/* The same of a list of pixels. */
+#define POSED
+#include "listed.cl"

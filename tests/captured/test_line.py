@@ -1,0 +1,86 @@
+"""A line decides on each part as its frames come."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from test_inspect import scene
+
+import gpuspec
+from gpuspec.captured.cameras import Grabbed
+from gpuspec.errors import FrameError
+
+STATION = gpuspec.Station.parse(
+    """
+    [camera]
+    sampling_mm = 0.1
+    [sequence]
+    images = 12
+    [segmentation]
+    background_mm = 3.0
+    [[decision]]
+    length_min_mm = 2.0
+    """
+)
+
+
+def test_a_scratched_part_is_rejected_and_a_flawless_one_accepted():
+    line = gpuspec.Line(STATION, region="40,30,160,90")
+    decisions = []
+    for frames in (
+        scene(),
+        np.where(scene() > 0, np.median(scene(), axis=(1, 2))[:, None, None], 0),
+    ):
+        for frame in frames.astype(np.uint8):
+            line.add(frame)
+        decisions.append(line.decide())
+    assert [one.accepted for one in decisions] == [False, True]
+    assert len(decisions[0].reasons) == 1
+
+
+def test_a_lost_frame_is_named():
+    line = gpuspec.Line(STATION)
+    line.add(scene()[0], number=7)
+    with pytest.raises(FrameError, match="frame 8 was lost"):
+        line.add(scene()[2], number=9)
+
+
+def test_a_part_of_too_few_frames_is_not_decided_on():
+    line = gpuspec.Line(STATION)
+    line.add(scene()[0])
+    with pytest.raises(FrameError, match="1 of 12 frames came"):
+        line.decide()
+
+
+@pytest.mark.parametrize(
+    ("spoiled", "words"),
+    [
+        (
+            Grabbed(None, 5, 0.5, "no buffer was free."),
+            "part 1: frame 5 could not be grabbed: no buf",
+        ),
+        (None, "part 1: frame 5 was lost, for frame 6 came after frame 4"),
+        (Grabbed(scene()[5][:9], 5, 0.5), r"part 1: frame 5 is uint8 of \(9, 200\)"),
+        (Grabbed(scene()[5], 5, 0.9), r"part 1: frame 5 is late: it came 0\.500 s after"),
+    ],
+    ids=["failed", "lost", "cut", "late"],
+)
+def test_a_part_with_a_wrong_frame_is_passed_over_and_the_next_is_whole(spoiled, words):
+    shots = scene()
+    frames = [Grabbed(shots[k % 12], k, 0.1 * k) for k in range(24)]
+    frames[5:6] = [spoiled] if spoiled else []
+    camera = iter(frames)
+    line = gpuspec.Line(STATION, gap_s=0.3)
+    with pytest.raises(FrameError, match=words):
+        line.take(camera)
+    decided = line.take(camera)
+    assert decided.part == 2
+    assert np.array_equal(decided.aspect, shots.mean(axis=0, dtype=np.float64).astype("f4"))
+    assert next(camera, None) is None
+
+
+def test_a_camera_that_stops_leaves_a_part_undecided():
+    line = gpuspec.Line(STATION)
+    with pytest.raises(FrameError, match="part 1: 3 of 12 frames came, so 9 were lost"):
+        line.take([Grabbed(scene()[k], k, 0.1 * k) for k in range(3)])
+    assert (line.part, len(line)) == (2, 0)

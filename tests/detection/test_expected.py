@@ -1,0 +1,74 @@
+"""What noise makes of a score, against scores of drawn sequences and of drawn normal numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tolerances import NOISY_SHARE
+
+import gpuspec
+from gpuspec.detection.expected import expected_score
+from gpuspec.detection.score import score
+from gpuspec.detection.segmentation import segment
+
+DRAWS = 20
+
+
+def test_without_spread_it_is_the_score():
+    rng = np.random.default_rng(3)
+    aspect = rng.integers(50, 150, (40, 60)).astype(np.float32)
+    truth = np.where(rng.random((40, 60)) < 0.2, rng.integers(1, 6, (40, 60)), 0)
+    valid = rng.random((40, 60)) < 0.9
+    found = expected_score(aspect, np.zeros_like(aspect), truth, valid, 5, 100.0)
+    real = score(segment(aspect, valid, 100.0), truth, valid, 5)
+    assert (found.p1, found.p2, found.false_px) == (real.p1, real.p2, real.false_px)
+    assert found.defects_hit == real.defects_hit
+    assert found.p1_deviation == found.p2_deviation == found.defects_hit_deviation == 0
+
+
+def test_it_is_mean_and_spread_of_the_scores_of_many_draws():
+    rng = np.random.default_rng(5)
+    mean = rng.normal(90, 5, (30, 40))
+    deviation = rng.uniform(0.5, 3, mean.shape)
+    truth = np.zeros(mean.shape, np.int32)
+    for defect in range(8):
+        truth[3 * defect + 1, 2 : 6 + defect] = defect + 1
+    valid = np.full(mean.shape, True)
+    scores = []
+    for _ in range(2000):
+        labels = segment(rng.normal(mean, deviation), valid, 96.0)
+        one = score(labels, truth, valid, 8)
+        scores.append((one.p1, one.p2, one.defects_hit, one.false_px))
+    found = expected_score(mean, deviation, truth, valid, 8, 96.0)
+    ours = np.array([found.p1, found.p2, found.defects_hit, found.false_px])
+    spread = np.array(
+        [found.p1_deviation, found.p2_deviation, found.defects_hit_deviation,
+         found.false_px_deviation]
+    )  # fmt: skip
+    sampled = np.std(scores, axis=0)
+    assert np.abs(np.mean(scores, axis=0) - ours).max() < 0.2 * sampled.max()
+    assert (np.abs(np.mean(scores, axis=0) - ours) < 0.15 * sampled).all()
+    assert sampled == pytest.approx(spread, rel=0.06)
+
+
+def test_it_is_that_of_sequences_drawn_image_by_image():
+    station = gpuspec.example("trim").replace(
+        part__length_mm=60.0, part__width_mm=25.0, camera__sampling_mm=0.2, defects=(),
+        populations=(), sensor__noise=True, sensor__saturation_e=500.0, sensor__read_noise_e=4.0,
+        segmentation__threshold=95.0,
+    ).replace(
+        populations=({"kind": "dent", "count": 9, "seed": 2, "diameter_mm": [0.3, 1.2],
+                      "depth_um": [1, 5]},),
+    )  # fmt: skip
+    scores = []
+    for seed in range(DRAWS):
+        one = gpuspec.simulate(station.replace(sensor__seed=seed)).score
+        scores.append((one.p1, one.p2))
+    result = gpuspec.simulate(station)
+    found = result.expected
+    assert found is not None
+    spread = np.array([found.p1_deviation, found.p2_deviation])
+    gap = np.abs(np.mean(scores, axis=0) - (found.p1, found.p2))
+    assert (gap < NOISY_SHARE + 3 * spread / DRAWS**0.5).all()
+    assert np.std(scores, axis=0, ddof=1) == pytest.approx(spread, rel=3 / (2 * DRAWS) ** 0.5)
+    assert gpuspec.simulate(station.replace(sensor__noise=False)).expected is None

@@ -1,0 +1,95 @@
+"""Sub-rays where they matter: which pixels get them, and what is left at those that do not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import check_station
+from tolerances import LEFT_AT_ONE_FOOTPRINT_DN, REFINED_MAX_DN, REFINED_RMS_DN
+
+from gpuspec.light.refinement import SIDES, Neighbourhood, sides_needed
+
+DEFECTS = [
+    {"kind": "dent", "x_mm": -1.9, "y_mm": 1.7, "diameter_mm": 0.8, "depth_um": 6.0},
+    {"kind": "bump", "x_mm": 1.6, "y_mm": 1.2, "diameter_mm": 0.5, "depth_um": 3.0},
+    {
+        "kind": "scratch", "points_mm": [[-2.0, -1.8], [0.1, -1.4], [1.5, -2.2]],
+        "width_mm": 0.3, "depth_um": 2.0,
+    },
+]  # fmt: skip
+FEW = {"camera.columns": 61, "camera.rows": 53, "sequence.images": 12}
+"""Few images, where a bend of the light counts most; columns that fill no vectors."""
+SCENES = {
+    "ceiling": {},
+    "lens": {"camera.pupil_mm": 5.0},
+    "height in a box": {
+        "part.surface": "height", "part.crown_radius_x_mm": 700.0, "part.width_mm": 6.0,
+        "tunnel.section": "box", "tunnel.width_mm": 6.1, "tunnel.height_mm": 120.0,
+    },
+    "edges of loss": {"tunnel.length_mm": 5.0, "tunnel.opening_length_mm": 1.0,
+                      "tunnel.opening_width_mm": 2.0},
+}  # fmt: skip
+
+
+def scene(**changes):
+    """A pinhole's view of a dent, a bump and a scratch."""
+    station = check_station(pupil=0.0, exposure=6.0)
+    return station.replace(**{**FEW, "defects": DEFECTS, **changes})
+
+
+def needed_on_host(backend, station):
+    arrays = backend.trace(station.replace(camera__subsampling=1)).read()
+    return sides_needed(arrays.light_mm[0], arrays.wide_mm[0]), arrays
+
+
+@pytest.mark.parametrize("changes", SCENES.values(), ids=SCENES)
+def test_a_device_refines_the_pixels_that_the_host_does(opencl, changes):
+    station = scene(**changes)
+    on_host, _ = needed_on_host(opencl, station)
+    with opencl.trace(station.replace(camera__subsampling=1)) as light_map:
+        assert np.array_equal(light_map.sides_needed(), on_host)
+    assert set(np.unique(on_host)) == {1, *SIDES}
+
+
+def test_a_single_pixel_needs_what_it_does_in_the_image(opencl):
+    needed, arrays = needed_on_host(opencl, scene())
+    light, wide = arrays.light_mm[0], arrays.wide_mm[0]
+    random = np.random.default_rng(1)
+    for share in (0.0, 0.01, 0.4, 1.0):
+        own = np.flatnonzero(random.random(needed.shape) < share)
+        around = Neighbourhood(own, needed.shape)
+        assert np.isin(own, around.pixels).all()
+        assert len(around.pixels) <= 25 * len(own)
+        found = around.sides_needed(light.flat[around.pixels], wide.flat[around.pixels])
+        assert np.array_equal(found, needed.flat[own])
+
+
+@pytest.mark.parametrize("changes", [SCENES["ceiling"], SCENES["height in a box"]])
+def test_what_is_left_at_one_footprint_is_as_good_as_8_by_8(opencl, changes):
+    station = scene(**changes)
+    needed, _ = needed_on_host(opencl, station)
+    one, all_refined, chosen = (
+        opencl.trace(station.replace(camera__subsampling=n)).aspect() for n in (1, 8, "auto")
+    )
+    left = needed == 1
+    assert left.mean() > 0.5
+    assert np.array_equal(chosen[left], one[left])
+    assert np.abs(one - all_refined)[left].max() <= LEFT_AT_ONE_FOOTPRINT_DN
+    error = chosen - all_refined
+    assert np.sqrt((error**2).mean()) <= REFINED_RMS_DN
+    assert np.abs(error).max() <= REFINED_MAX_DN
+    assert np.abs(one - all_refined).max() > 10 * REFINED_MAX_DN
+
+
+def test_a_dent_thinner_than_its_pixel_is_refined(opencl):
+    # In the middle of a pixel: the light coordinates around know nothing of it.
+    dent = {"kind": "dent", "x_mm": 0.05, "y_mm": -0.05, "diameter_mm": 0.03, "depth_um": 0.3}
+    needed, arrays = needed_on_host(opencl, check_station(0.0).replace(defects=[dent]))
+    light, wide = arrays.light_mm[0], arrays.wide_mm[0]
+    assert np.all(sides_needed(light, np.full_like(wide, wide[0, 0])) == 1)
+    assert needed[16, 16] > 1
+
+
+def test_a_flat_part_needs_no_sub_rays(opencl):
+    needed, _ = needed_on_host(opencl, scene(defects=[]))
+    assert np.all(needed == 1)

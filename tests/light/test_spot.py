@@ -1,0 +1,130 @@
+"""Where a pixel looks at a spot: a lens's blur, a plane in focus that is not the part."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import oracle
+import pytest
+import tolerances
+from scenes import check_station, oracle_scene
+
+from gpuspec.light.backend import Backend
+from gpuspec.light.devices import open_backend
+from gpuspec.part.truth import ZONE
+from gpuspec.station.optics import spread
+from gpuspec.station.station import Station
+
+SPOTS: dict[str, dict[str, Any]] = {
+    "blur of half a pixel": {"camera.blur_mm": 0.05},
+    "focused behind the part": {"camera.focus_mm": 900.0},
+    "focused before it, and blurred": {
+        "camera.focus_mm": 760.0, "camera.blur_mm": 0.05, "camera.pupil_mm": 6.0,
+    },
+}  # fmt: skip
+
+
+def small(**changes: Any) -> Station:
+    return check_station(camera__rows=14, camera__columns=20, **changes)
+
+
+@pytest.mark.parametrize("name", SPOTS)
+@pytest.mark.parametrize(("sigma", "depth"), [(0.25, 0.010), (0.1, 0.002)])
+def test_an_image_is_near_that_of_many_rays(name: str, sigma: float, depth: float) -> None:
+    station = small(sigma=sigma, depth=depth, **SPOTS[name])
+    truth = oracle.aspect_image(oracle_scene(station), rays=1024)
+    found = open_backend("opencl").trace(station).aspect()
+    assert np.sqrt(np.mean((found - truth) ** 2)) < tolerances.SPOT_RMS_DN
+    assert np.abs(found - truth).max() < tolerances.SPOT_MAX_DN
+    sharp = station.replace(camera__focus_mm=None, camera__blur_mm=0.0)
+    assert np.abs(open_backend("opencl").trace(sharp).aspect() - truth).max() > 25
+
+
+@pytest.mark.parametrize("name", SPOTS)
+def test_the_flawless_level_is_that_of_many_rays(name: str) -> None:
+    station = check_station(camera__rows=3, defects=[], **SPOTS[name])
+    truth = oracle.aspect_image(oracle_scene(station), rays=4096)
+    found = open_backend("opencl").trace(station).aspect()
+    assert np.median(found) == pytest.approx(np.median(truth), abs=tolerances.SPOT_LEVEL_DN)
+    sharp = station.replace(camera__focus_mm=None, camera__blur_mm=0.0)
+    by = np.abs(open_backend("opencl").trace(sharp).aspect() - found)
+    assert by.max() > 2 * tolerances.SPOT_LEVEL_DN
+
+
+@pytest.mark.parametrize("subsampling", [1, 4])
+@pytest.mark.parametrize("name", SPOTS)
+def test_every_device_sees_what_float64_sees(
+    device_backend: Backend, name: str, subsampling: int
+) -> None:
+    station = small(
+        camera__subsampling=subsampling, part__surface="height", part__crown_radius_x_mm=300.0,
+        part__crown_radius_y_mm=-200.0, **SPOTS[name],
+    )  # fmt: skip
+    expected = open_backend("numpy").trace(station).read()
+    found = device_backend.trace(station).read()
+    for plane in ("light_mm", "footprint_mm"):
+        gap = np.abs(getattr(found, plane) - getattr(expected, plane))
+        assert gap.max() < tolerances.SPOT_PLANE_MM, plane
+    images = (open_backend("numpy").trace(station).aspect(), device_backend.trace(station).aspect())
+    assert np.abs(images[0] - images[1]).max() < tolerances.SPOT_PLANE_DN
+
+
+def test_sub_rays_have_the_variance_of_one_footprint() -> None:
+    for name, changes in SPOTS.items():
+        flat = small(defects=[], camera__subsampling=1, **changes)
+        one = open_backend("numpy").trace(flat).read()
+        many = open_backend("numpy").trace(flat.replace(camera__subsampling=8)).read()
+        whole = (one.wide_mm**2 + one.narrow_mm**2)[0] / 12
+        own = ((many.wide_mm**2 + many.narrow_mm**2) / 12).mean(axis=0)
+        between = many.light_mm.var(axis=0)
+        assert own + between == pytest.approx(whole, rel=tolerances.SUB_RAY_VARIANCE), name
+
+
+def test_focused_on_the_lights_image_the_pupil_sees_a_point_of_it() -> None:
+    flat = small(defects=[], camera__pupil_mm=8.0, camera__subsampling=1)
+    mirrored = flat.replace(camera__focus_mm=flat.camera.height_mm + flat.tunnel.height_mm)
+    pinhole = flat.replace(camera__pupil_mm=0.0)
+    light = [open_backend("numpy").trace(s).read() for s in (flat, mirrored, pinhole)]
+    sharp, plain = light[1].footprint_mm, light[2].footprint_mm
+    assert sharp == pytest.approx(plain, rel=1e-5)
+    assert (light[0].footprint_mm > 5 * plain).all()
+
+
+def test_focused_on_a_flat_part_is_in_focus() -> None:
+    flat = small(defects=[], camera__subsampling=1)
+    there = flat.replace(camera__focus_mm=flat.camera.height_mm)
+    a, b = (open_backend("numpy").trace(s).read() for s in (flat, there))
+    np.testing.assert_allclose(a.footprint_mm, b.footprint_mm, rtol=1e-9)
+
+
+def test_a_pinhole_is_sharp_wherever_it_is_focused(backend: Backend) -> None:
+    station = small(camera__pupil_mm=0.0)
+    there = station.replace(camera__focus_mm=500.0)
+    assert np.array_equal(backend.trace(station).aspect(), backend.trace(there).aspect())
+
+
+@pytest.mark.parametrize("excess", [-1.2, -0.6, 0.0])
+def test_points_of_equal_weight_have_the_moments_of_a_bell(excess: float) -> None:
+    t = (np.arange(20_000) + 0.5) / 20_000 - 0.5
+    first, third = spread(excess)
+    x = first * t + third * t**3
+    assert x.var() == pytest.approx(1 / 12, rel=1e-6)
+    assert np.mean(x**4) / x.var() ** 2 - 3 == pytest.approx(excess, abs=1e-5)
+
+
+def test_a_wide_spot_reaches_the_grooves_of_other_blocks() -> None:
+    """A pixel beside a defect sees it through its blur, on whichever side of a block it is."""
+    assert ZONE == 2
+    station = Station.from_dict(
+        {
+            "part": {"length_mm": 6.4, "width_mm": 6.4},
+            "camera": {"blur_mm": 0.4, "sampling_mm": 0.1, "subsampling": 4},
+            "sequence": {"images": 8},
+            "defects": [
+                {"kind": "dent", "x_mm": 0.02, "y_mm": 0.05, "diameter_mm": 0.2, "depth_um": 2.0}
+            ],
+        }
+    )
+    a, b = (open_backend(name).trace(station).aspect() for name in ("opencl", "numpy"))
+    assert np.abs(a - b).max() < tolerances.SPOT_PLANE_DN

@@ -1,0 +1,305 @@
+"""Choosing by goals and requirements: what meets them, what holds, what is said where none does."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commandline import Command, said
+from hypothesis import given
+from hypothesis import strategies as st
+from legible import check_legible, drawn_texts
+from sweeping import STATION, rows
+
+import gpuspec
+from gpuspec.errors import StationError
+from gpuspec.station.corners import corners
+from gpuspec.station.paths import at
+from gpuspec.station.station import Station
+from gpuspec.sweeps.aim import Aim, Requirement, best_of
+from gpuspec.sweeps.axes import Axis
+from gpuspec.sweeps.choosing.aim_picture import aim_picture
+from gpuspec.sweeps.choosing.aimed import AimChoice, choose_for
+from gpuspec.sweeps.choosing.robust import Tolerances, windows
+from gpuspec.sweeps.keeping.folder import RunFolder
+from gpuspec.sweeps.plan import Plan, with_part
+from gpuspec.sweeps.sweep import sweep
+from gpuspec.sweeps.trying.confirm import clopper_pearson, confirm
+
+VARY = {
+    "tunnel.luminous_mm": [0.5, 1, 1.5, 2],
+    "sensor.exposure": [2, 3, 4, 5, 6],
+    "sequence.images": [6, 12, 24, 48],
+}
+FOUND = ("hits = all", "false_blobs = 0")
+OFF = {"tunnel.luminous_mm": 0.05, "sensor.exposure": 0.3, "tunnel.dark_leak": 0.01}
+
+
+@pytest.fixture(scope="module")
+def base() -> Station:
+    return Station.from_dict(STATION, "part.toml").replace(
+        tolerance=OFF, sequence__frame_rate_hz=20.0
+    )
+
+
+@pytest.fixture(scope="module")
+def swept(base, opencl, tmp_path_factory) -> dict[str, RunFolder]:
+    folder = tmp_path_factory.mktemp("aims")
+    plans = {
+        "exact": Plan.of(base, VARY),
+        "screened": Plan.of(base, VARY, samples=256),
+        "steps": Plan.of(base.replace(tolerance=None), VARY),
+    }
+    return {name: sweep(plan, folder / name, backend=opencl) for name, plan in plans.items()}
+
+
+@pytest.fixture(scope="module")
+def cheapest(swept, opencl) -> AimChoice:
+    aim = Aim("images", (*FOUND, "margin_sigma >= 6"))
+    return choose_for(swept["exact"], aim, backend=opencl)
+
+
+def meeting(run: RunFolder) -> list[dict]:
+    """Rows that find every defect and nothing else at some threshold."""
+    return [row for row in rows(run) if row["margin_dn"] > 0]
+
+
+def test_the_cheapest_station_is_that_of_the_fewest_images_with_the_largest_margin(swept, cheapest):
+    found = meeting(swept["exact"])
+    assert 0 < len(found) < 80
+    fewest = min(row["images"] for row in found if row["margin_sigma"] >= 6)
+    best = max(row["margin_dn"] for row in found if row["images"] == fewest)
+    assert cheapest.peak.values["images"] == fewest
+    row = rows(swept["exact"])[cheapest.peak.design]
+    assert row["margin_dn"] == best
+    assert len(cheapest.ranked.design) == sum(row["margin_sigma"] >= 6 for row in found)
+
+
+def test_what_is_chosen_is_confirmed_as_simulate_sees_it(cheapest, opencl):
+    for held in (cheapest.peak, cheapest.robust):
+        result = gpuspec.simulate(held.station, opencl)
+        values = held.values
+        assert values["p1"] == result.score.p1
+        assert values["p2"] == result.score.p2
+        assert values["hits"] == result.score.defects_hit == cheapest.all_of["hits"]
+        assert values["false_blobs"] == 0
+        # In the middle: as far from the flawless surface as from the faintest defect.
+        middle = (held.confirmed.weakest_dn + held.confirmed.flawless_dn) / 2
+        if held is cheapest.peak:
+            assert held.threshold_dn == pytest.approx(middle, abs=1.5)
+
+
+def test_the_front_is_what_no_design_that_meets_the_aim_beats(swept, opencl):
+    choice = choose_for(swept["exact"], Aim("margin_dn", FOUND), backend=opencl)
+    assert choice.over == ("margin_dn", "images")
+    points = {(row["images"], row["margin_dn"]) for row in meeting(swept["exact"])}
+    best = {
+        (images, margin)
+        for images, margin in points
+        if not any((i <= images and m >= margin and (i, m) != (images, margin)) for i, m in points)
+    }
+    front = zip(choice.front.values["images"], choice.front.values["margin_dn"], strict=True)
+    assert set(front) == best
+    assert len(best) > 1
+
+
+def test_a_front_of_p1_and_p2_is_over_all_thresholds(swept, opencl):
+    choice = choose_for(swept["exact"], Aim("f1"), ("p1", "p2"), backend=opencl)
+    every = np.array([(a, b) for row in rows(swept["exact"])
+                      for a, b in zip(row["p1"], row["p2"], strict=True)])  # fmt: skip
+    front = np.column_stack([choice.front.values[name] for name in ("p1", "p2")])
+    for point in front:
+        assert not ((every >= point).all(axis=1) & (every > point).any(axis=1)).any()
+    assert len(front) > 5
+
+
+def test_a_screened_sweep_chooses_no_worse_than_its_bounds_tell(swept, opencl):
+    aim = Aim("margin_dn", (*FOUND, "images <= 24"))
+    exact, screened = (choose_for(swept[n], aim, backend=opencl) for n in ("exact", "screened"))
+    assert screened.peak.values["margin_dn"] >= exact.peak.values["margin_dn"] - 2
+    assert screened.peak.values["hits"] == exact.all_of["hits"]
+    assert screened.peak.values["false_blobs"] == 0
+
+
+def test_the_robust_choice_keeps_all_where_everything_is_off(cheapest, opencl):
+    """Every corner of the tolerances, and some designs within: simulated at its threshold."""
+    assert cheapest.robust.room_dn > 0
+    station = cheapest.robust.station
+    random = np.random.default_rng(1)
+    within = [
+        {key: float(np.clip(at(station, key) + random.uniform(-h, h), 0, 99))
+         for key, h in OFF.items()}
+        for _ in range(4)
+    ]  # fmt: skip
+    for off in [*corners(station, OFF), *within]:
+        found = confirm(station.replace(**off), 1, opencl).values()
+        assert found["hits"] == cheapest.all_of["hits"], off
+        assert found["false_blobs"] == 0, off
+
+
+def test_the_worst_of_the_neighbours_counts_with_the_threshold_held(swept, opencl):
+    """Where no tolerances are stated: the next values of the grid on both sides, all keys at once,
+    whole numbers as they are."""
+    choice = choose_for(swept["steps"], Aim("margin_dn", FOUND), backend=opencl)
+    plan = swept["steps"].plan
+    assert choice.tolerances.halves == {"tunnel.luminous_mm": None, "sensor.exposure": None}
+    table = {tuple(plan.values(row["design"]).values()): row for row in rows(swept["steps"])}
+    for held in (choice.peak, choice.robust):
+        own = plan.values(held.design)
+        low, high = 0.0, 255.0
+        for (luminous, exposure, images), row in table.items():
+            steps = [
+                abs(sorted(VARY[key]).index(value) - sorted(VARY[key]).index(own[key]))
+                for key, value in (("tunnel.luminous_mm", luminous), ("sensor.exposure", exposure))
+            ]
+            if images == own["sequence.images"] and max(steps) <= 1:
+                low = max(low, row["flawless_dn"])
+                high = min(high, min(row["peaks"]))
+        assert held.room_dn == pytest.approx(min(high - held.threshold_dn, held.threshold_dn - low))
+
+
+@given(st.integers(0, 4), st.lists(st.integers(0, 9), min_size=15, max_size=15))
+def test_windows_are_the_worst_over_the_neighbours(design, levels):
+    plan = Plan(Station(), (Axis("a.b", (1.0, 2.0, 4.0, 8.0, 9.0)), Axis("c.d", (1, 2, 3))))
+    weakest = np.array(levels)
+    low, high = windows(plan, Tolerances({"a.b": 2.0}), weakest, weakest[::-1].copy())
+    grid = weakest.reshape(5, 3)
+    near = [abs(v - plan.axes[0].values[design]) <= 2.0 for v in plan.axes[0].values]
+    assert high.reshape(5, 3)[design].tolist() == grid[near].min(axis=0).tolist()
+    flawless = weakest[::-1].reshape(5, 3)
+    assert low.reshape(5, 3)[design].tolist() == flawless[near].max(axis=0).tolist()
+
+
+def test_a_requirement_that_none_meets_says_which_came_nearest_and_why(swept, opencl):
+    with pytest.raises(StationError) as error:
+        choose_for(swept["exact"], Aim("images", ("margin_dn >= 250", "images <= 12")),
+                   backend=opencl)  # fmt: skip
+    told = str(error.value)
+    best = max((r for r in rows(swept["exact"]) if r["images"] <= 12), key=lambda r: r["margin_dn"])
+    assert f"Design {best['design']} (" in told
+    assert f"margin_dn is {best['margin_dn']:.1f} DN, not margin_dn >= 250" in told
+    assert "images is" not in told
+
+
+@pytest.mark.parametrize(
+    ("texts", "words"),
+    [
+        (["images <= 16", "images >= 20"], "images >= 20 contradicts images <= 16"),
+        (["hits = 3", "hits = all"], "hits = all contradicts hits = 3"),
+        (["false_blob = 0"], "did you mean false_blobs?"),
+        (["zzz = 0"], "there are p1, p2"),
+        (["images"], "cannot be read; write NAME = VALUE"),
+        (["images < 3"], "has <; write NAME = VALUE"),
+        (["images <= many"], "many is no number"),
+        (["images <= nan"], "nan is no number"),
+        (["p2 >= 85"], "is from 0 to 1"),
+    ],
+)
+def test_a_requirement_that_cannot_be_is_one_sentence(texts, words):
+    with pytest.raises(StationError, match=re.escape(words)):
+        Aim("images", tuple(texts))
+
+
+def test_a_cost_that_the_station_does_not_tell_is_refused(swept, opencl):
+    with pytest.raises(StationError, match=r"does not tell exposure_s: set sensor\.light_e_per_s"):
+        choose_for(swept["exact"], Aim("exposure_s"), backend=opencl)
+    told = choose_for(swept["exact"], Aim("cycle_s", FOUND), backend=opencl)
+    assert told.peak.values["cycle_s"] == pytest.approx(told.peak.values["images"] / 20)
+
+
+@pytest.mark.parametrize("key", ["tunnel.dark", "tunnel.section", "nothing.at_all"])
+def test_a_tolerance_of_no_number_is_refused(base, key):
+    plan = Plan.of(base.replace(tolerance={key: 1.0}), VARY)
+    with pytest.raises(StationError, match=r"\[tolerance\]"):
+        Tolerances.of(plan)
+
+
+@given(st.lists(st.tuples(*3 * [st.integers(0, 2)]), min_size=1, max_size=9))
+def test_the_best_is_that_of_the_first_criterion_in_which_points_differ(points):
+    order = [np.array(column, float) for column in zip(*points, strict=True)]
+    assert best_of(order) == max(range(len(points)), key=lambda n: (points[n], -n))
+
+
+def test_how_far_a_value_misses_what_is_required_is_a_share_of_it():
+    values = np.array([0.0, 6.0, 12.0, np.nan])
+    assert Requirement.of("images >= 6").short_of(values, 0).tolist() == [1, 0, 0, 1]
+    assert Requirement.of("images <= 6").short_of(values, 0).tolist() == [0, 0, 1, 1]
+    assert Requirement.of("hits = all").short_of(values, 12).tolist() == [1, 0.5, 0, 1]
+
+
+def test_a_share_of_hits_has_the_interval_of_clopper_and_pearson():
+    assert clopper_pearson(5, 20) == pytest.approx((0.0866, 0.4910), abs=1e-4)  # as in tables
+    assert clopper_pearson(0, 20) == pytest.approx((0, 0.1684), abs=1e-4)
+
+
+def test_parts_and_noise_are_told_as_mean_worst_and_spread(base, opencl):
+    noisy = base.replace(
+        sensor={"noise": True, "saturation_e": 500.0, "read_noise_e": 2.0},
+        sequence={"images": 16}, segmentation={"threshold": 80.0},
+    )  # fmt: skip
+    found = confirm(noisy, 3, opencl)
+    spread = found.spread()
+    p1 = [gpuspec.simulate(with_part(noisy, n), opencl).score.p1
+          for n in range(3)]  # fmt: skip
+    assert spread["worst"]["p1"] == min(p1)
+    assert spread["mean"]["p1"] == pytest.approx(np.mean(p1))
+    expected = spread["expected"]
+    assert len(expected) == 3
+    for one, draw in zip(expected, p1, strict=True):
+        assert one["p1"] == pytest.approx(draw, abs=6 * one["p1_deviation"] + 0.01)
+
+
+def test_the_command_chooses_writes_and_draws(gpuspec_: Command, swept, opencl):
+    run = swept["exact"].path
+    ran = gpuspec_("front", run, "--goal", "images", "--require", *FOUND, "margin_sigma >= 6",
+                   "-o", "out", "--write", "best.toml")  # fmt: skip
+    assert ran.code == 0, ran.err
+    assert "aim: hits = all, false_blobs = 0, margin_sigma >= 6, then the least images" in ran.out
+    assert {p.name for p in Path("out").iterdir()} >= {"front.csv", "chosen.json", "front.png",
+                                                       "front.html"}  # fmt: skip
+    told = json.loads(Path("out/chosen.json").read_text("utf-8"))
+    assert told["robust"]["measures"]["false_blobs"] == 0
+    score = gpuspec.simulate("best.toml", opencl).score
+    assert score.p1 == told["robust"]["measures"]["p1"]
+    with Path("out/front.csv").open(encoding="utf-8") as file:
+        assert [float(row["images"]) for row in csv.DictReader(file)]
+
+
+def test_the_page_of_a_front_needs_no_network(gpuspec_: Command, swept):
+    ran = gpuspec_("front", swept["exact"].path, "--goal", "images", "--require", *FOUND, "-o", "o")
+    assert ran.code == 0, ran.err
+    page = Path("o/front.html").read_text("utf-8")
+    assert not re.search(r"<(script|link|img)[^>]+(src|href)=", page)
+    assert len(page) < 3e6
+    assert "images; less is better" in page
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--goal", "p3"], "there is no 'p3' to choose by; did you mean p2?"),
+        (["--goal", "margin"], "did you mean margin_dn?"),
+        (["--require", "images <= 1"], "comes nearest"),
+        (["--over", "p1"], "--over p1 names no two measures"),
+        (["--over", "p1,image"], "did you mean images?"),
+        (["--goal", "images", "--p2-floor", "0.9"], '--require "p2 >= 0.9"'),
+        (["another"], "name one folder of a sweep, not 2"),
+    ],
+)
+def test_a_mistake_is_one_sentence(gpuspec_: Command, swept, options, words):
+    assert words in said(gpuspec_("front", swept["exact"].path, "-o", "out", *options))
+    assert not Path("out").exists()
+
+
+def test_the_picture_of_an_aim_is_legible_and_says_which_way_is_better(cheapest):
+    figure = aim_picture(cheapest)
+    check_legible(figure)
+    texts = " ".join(text.get_text() for text in drawn_texts(figure))
+    assert "images; less is better" in texts
+    assert "margin, DN; more is better" in texts
+    for name in ("peak", "robust", "next three", "front"):
+        assert name in texts
