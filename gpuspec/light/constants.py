@@ -10,16 +10,16 @@ import re
 from gpuspec.arrays import Lost
 from gpuspec.part.grooves import BLOCK
 
-NEWTON_STEPS = 3
-"""From z = 0 to where a ray meets a height surface: the error falls as slope times field angle,
-squared each time. Measured in float64 on crowns up to half cylinders and grooves of slope 1, the
-camera 1.5 to 2.5 times as far as the part is long: after two steps light points are off by up to a
-thousandth of their footprint, after three by 2e-9. From as far as the part is long, the worst of
-80,000 pixels is off by 11 % of its footprint after two steps, by 0.1 % after three."""
+NEWTON_STEPS = 2
+"""From z = 0 to where a ray meets a height surface that it can meet only once: the error falls as
+slope times field angle, squared each time. Measured against float64 on the steepest of such parts
+(`part/marches.py`): after one step light points are off by up to 0.12 of their footprint, after two
+by 2e-4, after three by the rounding of floats."""
 
 POSED_STEPS = 6
 """The same of a posed part, whose field angle may be that of its tilt, and of one that a ray may
-meet twice, from its highest point on."""
+meet twice, from its highest point on. Three are enough but at grazing angles: dents seen at 60
+degrees leave 0.13 % of the pixels undecided after five steps, 0.04 % after six."""
 
 CHUNK = 8
 """Images whose exposure is worked out together: each sub-ray's trapezoid is made once for all."""
