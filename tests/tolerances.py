@@ -52,7 +52,7 @@ NEWTON = 5e-4
 one Newton step leaves 0.11, 0.11 and 0.06, two 2.1e-4, 9e-5 and 1.2e-4."""
 
 NEWTON_TWICE = 1e-4
-"""The same where a ray may meet the part twice; measured 1.5e-5 at most after three steps or more."""
+"""The same where a ray may meet the part twice; measured 1.5e-5 at most after three or more."""
 
 HIT = 3e-7
 """Relative to the path and the tunnel: distance of a hit from tunnel's wall; measured 6.7e-8."""
