@@ -20,9 +20,9 @@ from gpuspec.light.devices import BACKENDS
 
 pytestmark = pytest.mark.slow
 
-NUMPY_SECONDS = 25.0
-"""Of one core, of the demo without any driver; 10.7 measured. Time by the clock depends on whatever
-else the machine does, and is not more than this."""
+NUMPY_SECONDS = 60.0
+"""Of one core, of the demo without any driver; 11 measured on an idle core,
+38 on one whose other half was busy."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def test_without_write_access_to_the_cache_it_runs_as_fast_and_says_nothing(fres
     assert {"gpuspec", "pocl", "matplotlib"} <= {path.name for path in kept.iterdir()}
 
 
-def test_without_any_driver_numpy_runs_the_demo_in_few_seconds(fresh, tmp_path):
+def test_without_any_driver_numpy_runs_the_demo_within_a_minute(fresh, tmp_path):
     fresh.run("pip uninstall -q -y pocl-binary-distribution && mv $(find .venv -name pocl.icd) .")
     nothing = {name: str(tmp_path / "none") for name in ("OCL_ICD_VENDORS", "VK_DRIVER_FILES",
                "VK_ICD_FILENAMES")}  # fmt: skip

@@ -180,16 +180,20 @@ def design_block(station: Station) -> NDArray[np.float32]:
 
 def _profile(tunnel: Tunnel) -> dict[str, float]:
     """Return the members of ``Design`` that tell the profile of a light that is no stripes."""
+    return _STRIPES if tunnel.is_striped else _harmonic(harmonics(tunnel))
+
+
+def _harmonic(own: NDArray[np.complex128]) -> dict[str, float]:
+    """Return the members for amplitudes from the mean on."""
     found = np.zeros(HARMONICS + 1, complex)
-    count = 0
-    if not tunnel.is_striped:
-        own = harmonics(tunnel)
-        found[: len(own)] = own
-        count = len(own) - 1
-    members = {"harmonics": float(count), "mean_luminance": float(found[0].real)}
+    found[: len(own)] = own
+    members = {"harmonics": float(len(own) - 1), "mean_luminance": float(found[0].real)}
     for order, amplitude in enumerate(found[1:], 1):
         members |= {f"cosine_{order}": amplitude.real, f"sine_{order}": amplitude.imag}
     return members
+
+
+_STRIPES = _harmonic(np.zeros(1, complex))
 
 
 def map_records(maps: tuple[TopographyMap, ...], station: Station) -> NDArray[np.float32]:

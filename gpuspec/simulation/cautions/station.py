@@ -209,14 +209,19 @@ def of_shifts(station: Station) -> list[str]:
             f"all {images} images are the same: sequence.step_mm = {step:g} moves the stripes by "
             f"{why}. {way}"
         ]
-    shifts = np.round(np.arange(images) * step / period / _EQUAL) % round(1 / _EQUAL)
-    differ = len(np.unique(shifts))
+    differ = station.distinct_shifts or _different(images * step / period, images)
     if differ < min(FEW_SHIFTS, images / 2):
         return [
             f"only {differ} of {images} images differ: sequence.step_mm = {step:g} brings the "
             f"stripes, of a period of {period:g} mm, back to where they were after {differ}. {way}"
         ]
     return []
+
+
+def _different(periods: float, images: int) -> int:
+    """Return how many of some images, over so many periods, have another shift than all others."""
+    shifts = np.round(np.arange(images) * periods / images / _EQUAL) % round(1 / _EQUAL)
+    return len(np.unique(shifts))
 
 
 def _unsaturated(station: Station) -> list[str]:
