@@ -22,6 +22,7 @@ from gpuspec.cli.options import (
     StationArgument,
     changed,
 )
+from gpuspec.cli.sweep import SeedsOption
 from gpuspec.cli.terminal import console, extra, print_notes, progress
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ def optimise(
     parts: Annotated[
         int | None, typer.Option("--parts", help="Parts that each design is tried on.")
     ] = None,
+    seeds: SeedsOption = None,
     choose: Annotated[
         list[str] | None,
         typer.Option(
@@ -103,7 +105,7 @@ def optimise(
                 f"--vary {key}={given} counts values, and a search takes all between two bounds; "
                 f"write {given.rpartition(':')[0]}."
             )
-    plan = plan_of(described, between, parts)
+    plan = plan_of(described, between, parts, seeds)
     results = outputs(plan, output, force=force)
     results.check()
     if write:
@@ -196,7 +198,7 @@ def _print(found: Optimum, done: int, seconds: float) -> None:
             f"note: {len(invalid)} trials are no valid station, e.g.: {invalid[0]}", soft_wrap=True
         )
     tried = found.plan.station.replace(**best.values)
-    hidden = out_of_view(tried, found.plan.parts, best.defects or 0)
+    hidden = out_of_view(tried, found.plan.inspections, best.defects or 0)
     print_notes([*(best.notes or "").splitlines(), *hidden, *without_effect(tried)])
     rows = [(key, shown(value)) for key, value in best.values.items()]
     if found.confirmed and not isinstance(found.rule, Rule):

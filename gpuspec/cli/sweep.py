@@ -38,6 +38,10 @@ PartsOption = Annotated[
     int | None,
     typer.Option("--parts", min=1, help="Random parts each design is tried on, from other seeds."),
 ]
+SeedsOption = Annotated[
+    int | None,
+    typer.Option("--seeds", min=1, help="Draws of the sensor's noise on each part."),
+]
 
 
 def sweep(
@@ -45,6 +49,7 @@ def sweep(
     vary: VaryOption = None,
     output: OutputOption = Path("sweep"),
     parts: PartsOption = None,
+    seeds: SeedsOption = None,
     screen: Annotated[
         bool,
         typer.Option(
@@ -81,6 +86,7 @@ def sweep(
         vary_options(vary) if vary else None,
         parts,
         (samples or STRATA) if screen or samples else 0,
+        seeds,
     )
     there = RunFolder(output, plan)
     if not plan_only:
@@ -155,7 +161,7 @@ def _print_plan(plan: Plan, told: Estimate, done: int, output: Path) -> None:
     print_table(rows, ("key", "from", "to", "values"), title=f"sweep of {plan.station.file}")
     way = f"screening, {plan.samples:,} pixels of a part" if plan.samples else "exact"
     out.print(
-        f"{plural(told.designs, 'design')} at 256 thresholds, on {plural(plan.parts, 'part')}; "
+        f"{plural(told.designs, 'design')} at 256 thresholds, on {plan.tries}; "
         f"{plural(told.traces, 'light map')} to trace; {way}",
         soft_wrap=True,
     )

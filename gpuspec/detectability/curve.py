@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Floats = NDArray[np.float64]
+from gpuspec.detection.chances import CONFIDENCE
 
-CONFIDENCE = 0.95
-"""Of every bound, one-sided."""
+Floats = NDArray[np.float64]
 
 POD = 0.9
 """Of the size that is quoted: a90."""

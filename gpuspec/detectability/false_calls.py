@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gpuspec.detectability.curve import CONFIDENCE
-from gpuspec.detectability.exact import greatest_mean, greatest_share
+from gpuspec.detection.chances import CONFIDENCE, greatest_mean, greatest_share
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.detectability.curve import POD, Curve
-from gpuspec.detectability.exact import trials_all_hit
 from gpuspec.detectability.fits import Line, fit_hits, fit_signals
 from gpuspec.detectability.verdict import Verdict, straight, verdict
+from gpuspec.detection.chances import trials_all_hit
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

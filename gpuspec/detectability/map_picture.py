@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from gpuspec.detectability.curve import CONFIDENCE
 from gpuspec.detectability.mapped import SizeMap
 from gpuspec.detectability.picture import is_wide, scale
+from gpuspec.detection.chances import CONFIDENCE
 from gpuspec.pictures.page import MARGIN, SKY, VERMILION, WIDTH, Sheet
 from gpuspec.pictures.place import open_frame
 

@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from gpuspec.detectability.curve import CONFIDENCE, POD
+from gpuspec.detectability.curve import POD
 from gpuspec.detectability.false_calls import FalseCalls
 from gpuspec.detectability.fitted import Fitted
 from gpuspec.detectability.mapped import SizeMap
+from gpuspec.detection.chances import CONFIDENCE
 from gpuspec.errors import TrialsError
 from gpuspec.files import Outputs, folder_of
 from gpuspec.light.backend import DeviceInfo

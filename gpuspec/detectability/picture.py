@@ -11,9 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from gpuspec.detectability.curve import CONFIDENCE, POD
+from gpuspec.detectability.curve import POD
 from gpuspec.detectability.false_calls import FalseCalls
 from gpuspec.detectability.fitted import Fitted
+from gpuspec.detection.chances import CONFIDENCE
 from gpuspec.light.backend import DeviceInfo
 from gpuspec.pictures.page import MARGIN, SKY, VERMILION, WIDTH, Sheet, essentials
 from gpuspec.pictures.place import open_frame

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.detectability.curve import CONFIDENCE, POD, Curve
-from gpuspec.detectability.exact import greatest_share, least_share, trials_all_hit
+from gpuspec.detectability.curve import POD, Curve
 from gpuspec.detectability.fits import Line
+from gpuspec.detection.chances import CONFIDENCE, greatest_share, least_share, trials_all_hit
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

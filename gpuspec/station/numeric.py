@@ -35,7 +35,7 @@ def check_design(key: str) -> None:
         raise StationError(
             f"{key} is not varied: another seed is another part or other noise, not another "
             f"design, and the luckiest would be chosen. --parts tries every design on several "
-            f"parts, each with seeds of its own."
+            f"parts, --seeds under several draws of the noise."
         )
 
 

@@ -592,6 +592,7 @@ class Sweep(Section):
     parts: int = Field(
         1, ge=1, le=1000, description="random parts each design is tried on, from other seeds"
     )
+    seeds: int = Field(1, ge=1, le=1000, description="draws of the sensor's noise on each part")
     vary: dict[str, str | float | list[float]] = Field(
         {},
         description='key = "FROM:TO:COUNT" or a list of values, e.g. '

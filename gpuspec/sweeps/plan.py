@@ -11,6 +11,7 @@ from numbers import Integral
 from pathlib import Path
 from typing import Any
 
+from gpuspec import words
 from gpuspec.errors import StationError
 from gpuspec.station.paths import places
 from gpuspec.station.station import Station
@@ -21,7 +22,10 @@ from gpuspec.version import __version__
 # From one part to the next; odd, so that seeds repeat after 2^32 parts, and no small multiple of it
 # is near another: populations with seeds 1 and 2 never meet.
 SEED_STEP = 0x9E3779B1
+# Of the noise alone, from one draw of it to the next on the same part.
+DRAW_STEP = 0x85EBCA6B
 PARTS_MAX = 1000
+SEEDS_MAX = 1000
 DESIGNS_MAX = 10**12
 _SEARCHED = 512
 
@@ -42,6 +46,8 @@ class Plan:
         Part 0 is the station's own; part k has every seed k times `SEED_STEP` further.
     samples : int
         Strata of the screening sample per part; 0: every pixel of every design is counted.
+    seeds : int
+        Draws of the noise on each part; draw k has the noise's seed k times `DRAW_STEP` further.
 
     Examples
     --------
@@ -59,12 +65,23 @@ class Plan:
     axes: tuple[Axis, ...]
     parts: int = 1
     samples: int = 0
+    seeds: int = 1
 
     def __repr__(self) -> str:
         keys = ", ".join(f"{len(a.values)} of {a.key}" for a in self.axes)
-        parts = f"{self.parts} part{'s' * (self.parts > 1)}"
         sampled = f", screened by {self.samples:,} pixels" if self.samples else ""
-        return f"Plan({self.station.file}: {self.designs:,} designs, {keys}; {parts}{sampled})"
+        return f"Plan({self.station.file}: {self.designs:,} designs, {keys}; {self.tries}{sampled})"
+
+    @property
+    def tries(self) -> str:
+        """On what each design is tried, in words."""
+        draws = f", {self.seeds} draws of the noise on each" if self.seeds > 1 else ""
+        return words.plural(self.parts, "part") + draws
+
+    @property
+    def inspections(self) -> int:
+        """Of each design: of every part under every draw of the noise."""
+        return self.parts * self.seeds
 
     @classmethod
     def of(
@@ -73,6 +90,7 @@ class Plan:
         vary: Mapping[str, Any] | None = None,
         parts: int | None = None,
         samples: int = 0,
+        seeds: int | None = None,
     ) -> Plan:
         """Plan a sweep.
 
@@ -87,6 +105,8 @@ class Plan:
             Number of parts each design is tried on.
         samples : int
             See :class:`Plan`.
+        seeds : int, optional
+            Draws of the noise on each part.
 
         Raises
         ------
@@ -112,7 +132,8 @@ class Plan:
         table = station.sweep
         vary = varied(vary if vary is not None else table.vary if table else {})
         parts = parts if parts is not None else table.parts if table else 1
-        for name, count in (("parts", parts), ("samples", samples)):
+        seeds = seeds if seeds is not None else table.seeds if table else 1
+        for name, count in (("parts", parts), ("samples", samples), ("seeds", seeds)):
             if not isinstance(count, Integral) or isinstance(count, bool) or count < 0:
                 raise StationError(f"{name} is {count!r}; it must be a whole number, at least 0.")
         if not vary:
@@ -122,6 +143,8 @@ class Plan:
             )
         if not 1 <= parts <= PARTS_MAX:
             raise StationError(f"designs are tried on 1 to {PARTS_MAX} parts, not {parts}.")
+        if not 1 <= seeds <= SEEDS_MAX:
+            raise StationError(f"noise is drawn 1 to {SEEDS_MAX} times, not {seeds}.")
         if not (station.defects or station.populations or station.part.relief):
             raise StationError(
                 f"{station.file}: the part has no defects, so there is nothing to score; add "
@@ -132,6 +155,11 @@ class Plan:
                 f"{station.file}: the part has no random [[populations]], so {parts} parts would "
                 f"be {parts} times the same; take one."
             )
+        if seeds > 1 and not station.sensor.noise and "sensor.noise" not in vary:
+            raise StationError(
+                f"{station.file}: the sensor has no noise, so {seeds} seeds would be {seeds} times "
+                f"the same; take one, or set sensor.noise = true."
+            )
         axes = [axis(station, key, given) for key, given in vary.items()]
         for number, one in enumerate(axes):
             if any(places(one.key) == places(other.key) for other in axes[:number]):
@@ -140,7 +168,7 @@ class Plan:
         base = station.replace(sweep=None, dataset=None)
         if base.segmentation.min_area_mm2 or base.segmentation.threshold != "auto":
             base = base.replace(segmentation=None)
-        plan = cls(base, tuple(axes), int(parts), int(samples))
+        plan = cls(base, tuple(axes), int(parts), int(samples), int(seeds))
         if plan.designs > DESIGNS_MAX:
             raise StationError(
                 f"{plan.designs:.3g} designs are more than could ever be done or stored; vary "
@@ -229,6 +257,7 @@ class Plan:
             "vary": {a.key: list(a.values) for a in self.axes},
             "parts": self.parts,
             "samples": self.samples,
+            "seeds": self.seeds,
         }
 
     @classmethod
@@ -242,10 +271,10 @@ class Plan:
         """
         station = Station.parse(identity["station"], "station.toml")
         axes = tuple(axis(station, key, values) for key, values in identity["vary"].items())
-        parts, samples = int(identity["parts"]), int(identity["samples"])
-        if not axes or parts < 1 or samples < 0:
+        parts, samples, seeds = (int(identity[name]) for name in ("parts", "samples", "seeds"))
+        if not axes or parts < 1 or samples < 0 or seeds < 1:
             raise ValueError("nothing is varied, or there are no parts")
-        return cls(station, axes, parts, samples)
+        return cls(station, axes, parts, samples, seeds)
 
 
 def digests(station: Station) -> dict[str, str]:
@@ -279,7 +308,7 @@ def _with_design(station: Station, changes: Mapping[str, float | int]) -> Statio
         return None
 
 
-def with_part(station: Station, part: int) -> Station:
+def with_part(station: Station, part: int, draw: int = 0) -> Station:
     """Return a station with another random part, and other noise.
 
     Parameters
@@ -287,14 +316,22 @@ def with_part(station: Station, part: int) -> Station:
     station : Station
     part : int
         From 0, which is its own.
+    draw : int
+        Of the noise on this part, from 0.
     """
-    if part == 0:
+    if part == draw == 0:
         return station
+
+    def later(one: Any, by: int) -> Any:
+        return one.model_copy(update={"seed": (one.seed + by) % 2**32})
+
     step = part * SEED_STEP
-    changes: dict[str, Any] = {"sensor.seed": (station.sensor.seed + step) % 2**32}
-    for number, population in enumerate(station.populations, 1):
-        changes[f"populations[{number}].seed"] = (population.seed + step) % 2**32
-    return station.replace(**changes)
+    return station.model_copy(
+        update={
+            "sensor": later(station.sensor, step + draw * DRAW_STEP),
+            "populations": tuple(later(one, step) for one in station.populations),
+        }
+    )
 
 
 def one_level(station: Station) -> None:

@@ -31,6 +31,7 @@ def sweep(
     *,
     parts: int | None = None,
     samples: int | None = None,
+    seeds: int | None = None,
     backend: str | Backend = "auto",
     device: str | None = None,
     progress: Progress | None = None,
@@ -51,6 +52,8 @@ def sweep(
         Random parts each design is tried on; None: as the ``[sweep]`` table says, or one.
     samples : int, optional
         Pixels of a part that screen the designs; None: every pixel is counted.
+    seeds : int, optional
+        Draws of the noise on each part; None: as the ``[sweep]`` table says, or one.
     backend : str or Backend
         A name for :func:`gpuspec.light.devices.open_backend`, or an open backend.
     device : str, optional
@@ -88,7 +91,7 @@ def sweep(
         raise OutputError(
             'a sweep needs a folder for its results, e.g. sweep(station, vary, "run").'
         )
-    plan = _plan(station, vary, parts, samples)
+    plan = _plan(station, vary, parts, samples, seeds)
     folder = folder_of(folder)
     tell = progress or (lambda *_: None)
     RunFolder(folder, plan).check_folder()
@@ -120,11 +123,12 @@ def sweep(
 
 
 def _plan(
-    station: Plan | Station | str | Path, vary: Any, parts: int | None, samples: int | None
-) -> Plan:
+    station: Plan | Station | str | Path, vary: Any, parts: int | None, samples: int | None,
+    seeds: int | None,
+) -> Plan:  # fmt: skip
     if not isinstance(station, Plan):
-        return Plan.of(station, vary, parts, samples or 0)
-    if (vary, parts, samples) != (None, None, None):
+        return Plan.of(station, vary, parts, samples or 0, seeds)
+    if (vary, parts, samples, seeds) != (None,) * 4:
         raise StationError(
             "a plan says already what is varied, on how many parts and by how many samples; give "
             "the station in its place to say so anew."

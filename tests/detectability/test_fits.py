@@ -9,15 +9,15 @@ import pytest
 from documents import CHECKOUT
 from scipy import optimize, stats
 
-from gpuspec.detectability.exact import (
+from gpuspec.detectability.fits import MODELS, fit_hits, fit_signals
+from gpuspec.detectability.measured import read_trials
+from gpuspec.detectability.verdict import verdict
+from gpuspec.detection.chances import (
     greatest_mean,
     greatest_share,
     least_share,
     trials_all_hit,
 )
-from gpuspec.detectability.fits import MODELS, fit_hits, fit_signals
-from gpuspec.detectability.measured import read_trials
-from gpuspec.detectability.verdict import verdict
 from gpuspec.errors import TrialsError
 
 PUBLISHED = next(

@@ -47,7 +47,7 @@ from gpuspec.studies.deflection import (
     strength,
 )
 from gpuspec.studies.outcome import files
-from gpuspec.sweeps.trying.confirm import confirm
+from gpuspec.sweeps.trying.confirm import confirm_all
 from gpuspec.words import BEST, P1, P2
 
 PAPER = Dent(diameter_mm=1.0, depth_um=10.0)
@@ -488,7 +488,7 @@ def test_what_the_station_says_may_be_off_is_tried_at_both_ends_and_all_at_once(
         "tunnel.luminous_mm": 3.95, "tunnel.height_mm": 149.0,
         "segmentation.threshold": off_by.threshold_dn,
     })  # fmt: skip
-    seen = confirm(corner, 1, opencl)
+    (seen,) = confirm_all([corner], 1, opencl)
     assert tried.scores[5] == simulate(corner, opencl).score
     assert tried.seen[5].hits == seen.values()["hits"]
     assert tried.seen[5].false_blobs == seen.values()["false_blobs"]

@@ -16,6 +16,7 @@ from legible import check_legible, drawn_texts
 from sweeping import STATION, rows
 
 import gpuspec
+from gpuspec.detection.chances import share_within
 from gpuspec.errors import StationError
 from gpuspec.station.corners import corners
 from gpuspec.station.paths import at
@@ -28,7 +29,7 @@ from gpuspec.sweeps.choosing.robust import Tolerances, windows
 from gpuspec.sweeps.keeping.folder import RunFolder
 from gpuspec.sweeps.plan import Plan, with_part
 from gpuspec.sweeps.sweep import sweep
-from gpuspec.sweeps.trying.confirm import clopper_pearson, confirm
+from gpuspec.sweeps.trying.confirm import confirm_all
 
 VARY = {
     "tunnel.luminous_mm": [0.5, 1, 1.5, 2],
@@ -136,7 +137,7 @@ def test_the_robust_choice_keeps_all_where_everything_is_off(cheapest, opencl):
         for _ in range(4)
     ]  # fmt: skip
     for off in [*corners(station, OFF), *within]:
-        found = confirm(station.replace(**off), 1, opencl).values()
+        found = confirm_all([station.replace(**off)], 1, opencl)[0].values()
         assert found["hits"] == cheapest.all_of["hits"], off
         assert found["false_blobs"] == 0, off
 
@@ -232,8 +233,8 @@ def test_how_far_a_value_misses_what_is_required_is_a_share_of_it():
 
 
 def test_a_share_of_hits_has_the_interval_of_clopper_and_pearson():
-    assert clopper_pearson(5, 20) == pytest.approx((0.0866, 0.4910), abs=1e-4)  # as in tables
-    assert clopper_pearson(0, 20) == pytest.approx((0, 0.1684), abs=1e-4)
+    assert share_within(5, 20) == pytest.approx((0.0866, 0.4910), abs=1e-4)  # as in tables
+    assert share_within(0, 20) == pytest.approx((0, 0.1684), abs=1e-4)
 
 
 def test_parts_and_noise_are_told_as_mean_worst_and_spread(base, opencl):
@@ -241,7 +242,7 @@ def test_parts_and_noise_are_told_as_mean_worst_and_spread(base, opencl):
         sensor={"noise": True, "saturation_e": 500.0, "read_noise_e": 2.0},
         sequence={"images": 16}, segmentation={"threshold": 80.0},
     )  # fmt: skip
-    found = confirm(noisy, 3, opencl)
+    (found,) = confirm_all([noisy], 3, opencl)
     spread = found.spread()
     p1 = [gpuspec.simulate(with_part(noisy, n), opencl).score.p1
           for n in range(3)]  # fmt: skip

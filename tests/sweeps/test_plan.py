@@ -112,9 +112,9 @@ def test_parts_differ_in_every_seed_and_the_first_is_the_stations_own(station):
 def test_no_part_has_a_seed_of_another_s(station):
     """Populations with seeds 1 and 2, and noise: none is that of another part one further."""
     seeds = [p.seed for k in range(60) for p in with_part(station, k).populations]
-    noise = [with_part(station, k).sensor.seed for k in range(60)]
+    noise = [with_part(station, k, d).sensor.seed for k in range(60) for d in range(60)]
     assert len(set(seeds)) == 2 * 60
-    assert len(set(noise)) == 60
+    assert len(set(noise)) == 60 * 60
 
 
 def test_noise_alone_makes_parts_different(station):
@@ -135,6 +135,8 @@ def test_a_plan_leaves_out_the_station_s_own_threshold_and_size_filter(station, 
         ({"defects": (), "populations": ()}, {"vary": GRID}, "no defects, so there is nothing"),
         ({"populations": ()}, {"vary": GRID, "parts": 2}, "would be 2 times the same"),
         ({}, {"vary": GRID, "parts": 0}, "1 to 1000 parts"),
+        ({}, {"vary": GRID, "seeds": 2}, "has no noise, so 2 seeds would be 2 times the same"),
+        ({"sensor__noise": True}, {"vary": GRID, "seeds": 0}, "1 to 1000 times, not 0"),
         ({}, {"vary": {"defects[1].x_mm": "1", "defects[01].x_mm": "2"}}, "is varied twice"),
         ({}, {"vary": {"tunnel.luminous_mm": "1:2:1000000", "tunnel.dark_mm": "1:2:1000000",
                        "sensor.exposure": "1:2:1000"}}, "more than could ever be done or stored"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 import pyarrow as pa
@@ -13,9 +13,12 @@ from scenes import PIXEL_BYTES
 from sweeping import GRID, STATION, rows
 
 import gpuspec
+from gpuspec.detection.score import precision
 from gpuspec.errors import StationError
 from gpuspec.light.levels import levels_of
 from gpuspec.light.opencl import OpenCLBackend
+from gpuspec.simulation.seen import Seen
+from gpuspec.simulation.simulate import trace
 from gpuspec.station.station import Station
 from gpuspec.sweeps.estimate import estimate
 from gpuspec.sweeps.plan import SEED_STEP, Plan, with_part
@@ -178,3 +181,46 @@ def test_a_part_that_does_not_fit_is_a_reason(station, opencl, tmp_path):
     good, bad = rows(sweep(plan, tmp_path / "run", backend=opencl))
     assert good["reason"] is None
     assert "populations[1]" in bad["reason"]
+
+
+def test_seeds_draw_the_noise_anew_on_parts_that_are_traced_once(station, opencl, tmp_path):
+    """Each draw is the inspection of a station with that seed, and the row holds all of them."""
+    noisy = station.replace(**{"sensor.noise": True, "sensor.read_noise_e": 200.0})
+    noisy = noisy.replace(sequence__images=6)  # drawn image by image, as an inspection is
+    plan = Plan.of(noisy, {"sensor.exposure": [2, 3]}, parts=2, seeds=3)
+    bench = Bench(plan, opencl)
+    found = bench.rows(range(2), sampled=False).to_pylist()
+    assert bench.parts.traced == 2
+    for row in found:
+        assert (row["draws"], len(row["part_p1"])) == (3, 6)
+        assert len(set(row["part_p1"][:3])) > 1 < len(set(row["part_p1"][3:]))
+        at = {"segmentation.threshold": row["threshold_dn"]}
+        tries = product(range(2), range(3))
+        for number, (part, draw) in enumerate(tries):
+            own = with_part(plan.station_of(row["design"]), part, draw).replace(**at)
+            seen = Seen.of(trace(own, opencl), own)
+            assert row["part_hits"][number] == seen.hits
+            assert row["part_p1"][number] == precision(seen.hit_px, seen.false_zone_px)
+        level = round(row["threshold_dn"])
+        assert row["worst_hits"][level] == min(row["part_hits"])
+        assert row["worst_p2"][level] == min(row["part_p2"])
+
+
+def test_many_draws_have_the_mean_and_the_spread_of_the_closed_form(opencl, tmp_path):
+    """Beside one lucky draw: 60 draws, their mean within three of its own deviations and a count."""
+    noisy = Station.from_dict(STATION).replace(
+        **{"sensor.noise": True, "sensor.read_noise_e": 100.0, "sequence.images": 20}
+    )
+    seeds = 60
+    (row,) = Bench(Plan.of(noisy, {"sensor.exposure": [2]}, seeds=seeds), opencl).rows(
+        range(1), sampled=False
+    ).to_pylist()  # fmt: skip
+    at = noisy.replace(**{"sensor.exposure": 2.0, "segmentation.threshold": row["threshold_dn"]})
+    expected = Seen.of(trace(at, opencl), at).expected
+    assert expected is not None and expected.p1_deviation > 0
+    for drawn, mean, deviation in (
+        (row["part_p1"], expected.p1, expected.p1_deviation),
+        (row["part_p2"], expected.p2, expected.p2_deviation),
+    ):
+        assert abs(np.mean(drawn) - mean) < 3 * deviation / np.sqrt(seeds) + 0.003
+        assert 0.7 * deviation < np.std(drawn, ddof=1) < 1.4 * deviation

@@ -383,7 +383,7 @@ class _Looker:
         if self.min_area_mm2:
             rule["segmentation.min_area_mm2"] = self.min_area_mm2
         stations = [station.replace(**off, **rule) for off in offs]
-        return confirm_all(stations, self.plan.parts, self.backend)
+        return confirm_all(stations, self.plan.parts, self.backend, self.plan.seeds)
 
     def meets(self, found: Confirmed) -> bool:
         """Whether what was looked at meets the aim."""

@@ -22,6 +22,6 @@ def about(choice: Choosing) -> str:
     of = "" if there == plan.designs else f"{there:,} of "
     screened = "; P1 of screened designs is estimated" if plan.samples else ""
     return (
-        f"{of}{words.plural(plan.designs, 'design')}, {words.plural(plan.parts, 'part')}, "
+        f"{of}{words.plural(plan.designs, 'design')}, {plan.tries}, "
         f"{words.plural(choice.defects, 'defect')}  ·  rule: {choice.rule}{screened}"
     )

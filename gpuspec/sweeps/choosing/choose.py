@@ -176,7 +176,7 @@ class Choice:
         (row,) = rows_of(self.run, [self.best.design], ("zone_px", "defects")).to_pylist()
         return [
             *lines,
-            *out_of_view(station, plan.parts, row["defects"]),
+            *out_of_view(station, plan.inspections, row["defects"]),
             *self._by_chance(station, row["zone_px"]),
             *without_effect(station),
         ]
@@ -188,7 +188,7 @@ class Choice:
         if not (hit and best.p1):
             return []
         p, (m, n), part = station.camera.sampling_mm, station.shape, station.part
-        pixels = min(part.width_mm / p, m) * min(part.length_mm / p, n) * plan.parts
+        pixels = min(part.width_mm / p, m) * min(part.length_mm / p, n) * plan.inspections
         share = hit * (1 / best.p1 - 1) / max(pixels - zone_px, 1)
         if share <= BY_CHANCE:
             return []

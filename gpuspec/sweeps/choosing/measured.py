@@ -10,6 +10,7 @@ import pyarrow as pa
 import pyarrow.compute
 from numpy.typing import NDArray
 
+from gpuspec.detection.chances import least_share
 from gpuspec.light.constants import LEVELS
 from gpuspec.station.costs import COSTS
 from gpuspec.sweeps.choosing.front import curves, p1_bounds
@@ -18,9 +19,9 @@ from gpuspec.sweeps.trying.curves import KINDS
 
 Floats = NDArray[np.float64]
 
-COLUMNS = ("design", "exact", "p1", "p2", "hits", "p1_low", "p1_high", "false_px", "peaks", "kinds",
-           "margin_dn", "margin_high_dn", "margin_sigma", "noise_dn", "smallest_mm",
-           *COSTS)  # fmt: skip
+COLUMNS = ("design", "exact", "defects", "p1", "p2", "hits", "worst_hits", "worst_p2",
+           "p1_low", "p1_high", "false_px", "peaks", "kinds", "margin_dn", "margin_high_dn",
+           "margin_sigma", "noise_dn", "smallest_mm", *COSTS)  # fmt: skip
 """Of a sweep's table."""
 
 
@@ -74,6 +75,12 @@ class Measured:
             **{name: _column(table, name) for name in
                ("margin_dn", "margin_sigma", "noise_dn", "smallest_mm", *COSTS)},
         }  # fmt: skip
+        for name in {"worst_hits", "worst_p2"}.intersection(names):
+            one = table[name].null_count  # there is one part under one draw
+            values[name] = values[name.removeprefix("worst_")] if one else curves(table, name)
+        if "sure_hit_share" in names:
+            defects = table["defects"].to_numpy()[:, None]
+            values["sure_hit_share"] = least_share(values["hits"], defects)
         if "f1" in names:
             values["f1"] = f1_of(values["p1"], values["p2"])
         for code, kind in enumerate(KINDS):

@@ -412,6 +412,7 @@ class RunFolder:
             "vary": dict,
             "parts": int,
             "samples": int,
+            "seeds": int,
         }
         if (
             not isinstance(found, dict)
@@ -436,7 +437,7 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
         was, now = old["vary"].get(name), new["vary"].get(name)
         if was != now:
             said.append(f"{name} is {_values(was)} there and {_values(now)} here")
-    for name in ("parts", "samples", "gpuspec"):
+    for name in ("parts", "seeds", "samples", "gpuspec"):
         if old[name] != new[name]:
             shown = "the number of pixels of --screen" if name == "samples" else name
             said.append(f"{shown} is {old[name]} there and {new[name]} here")

@@ -32,7 +32,7 @@ from gpuspec.sweeps.plan import Plan
 from gpuspec.sweeps.rule import Rule
 from gpuspec.sweeps.searching.search import Search, Trial, Values, best_of, directions
 from gpuspec.sweeps.trying.bench import notes_of
-from gpuspec.sweeps.trying.confirm import Confirmed, confirm
+from gpuspec.sweeps.trying.confirm import Confirmed, confirm_all
 from gpuspec.sweeps.trying.curves import Curves
 from gpuspec.sweeps.trying.parts import Parts
 from gpuspec.sweeps.trying.rows import rows
@@ -109,12 +109,13 @@ def plan_of(
     station: Station | str | Path,
     vary: Mapping[str, Any] | None = None,
     parts: int | None = None,
+    seeds: int | None = None,
 ) -> Plan:
     """Return the bounds of a search as a plan with the two ends of each key.
 
     Parameters
     ----------
-    station, parts
+    station, parts, seeds
         As for a sweep, see :meth:`Plan.of`.
     vary : mapping of str to str, number or list, optional
         Keys and what :func:`gpuspec.sweeps.axes.bounds` takes, e.g. ``"1:12"`` or ``[1, 12]``.
@@ -137,7 +138,7 @@ def plan_of(
             f"[sweep.vary] in the station file."
         )
     ends = {key: bounds(station, key, given).values for key, given in vary.items()}
-    return Plan.of(station, ends, parts)
+    return Plan.of(station, ends, parts, seeds=seeds)
 
 
 def outputs(plan: Plan, folder: str | Path, *, force: bool = False) -> Outputs:
@@ -276,7 +277,7 @@ def optimise(
     with _writing(folder, identity, rule) as study:
         for stored in study.get_trials(deepcopy=False):
             search.add(Trial(dict(stored.params), **stored.user_attrs))
-        parts = Parts(engine, plan.parts, 0)
+        parts = Parts(engine, plan.parts, 0, plan.seeds)
         while len(search.trials) < trials:
             values, step = search.propose()
             trial = tried(plan, rule, parts, values, step=step)
@@ -291,7 +292,8 @@ def optimise(
     found = Optimum(plan, rule, tuple(search.trials), best, engine.info)
     if not isinstance(rule, Aim):
         return found
-    return replace(found, confirmed=confirm(found.station(), plan.parts, engine))
+    (looked,) = confirm_all([found.station()], plan.parts, engine, plan.seeds)
+    return replace(found, confirmed=looked)
 
 
 def checked_choices(plan: Plan, choices: Mapping[str, Sequence[Any]]) -> dict[str, tuple[Any, ...]]:

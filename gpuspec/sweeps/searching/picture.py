@@ -76,7 +76,7 @@ def optimise_picture(found: Searched) -> bytes:
     sheet = Sheet(WIDTH, 800)
     sheet.heading(
         "What the search tried: each point is a design at its best threshold",
-        f"{words.plural(len(found.trials), 'trial')}, {words.plural(found.plan.parts, 'part')}, "
+        f"{words.plural(len(found.trials), 'trial')}, {found.plan.tries}, "
         f"{words.plural(best.defects, 'defect')}  ·  rule: {found.rule}",
     )
     plane = sheet.axes(MARGIN, 136, 600, 580)
@@ -127,7 +127,7 @@ def _aim_picture(found: Searched, aim: Aim) -> bytes:
     sheet = Sheet(WIDTH, 800)
     sheet.heading(
         "What the search tried: each point is a design at its best threshold",
-        f"{words.plural(len(found.trials), 'trial')}, {words.plural(found.plan.parts, 'part')}, "
+        f"{words.plural(len(found.trials), 'trial')}, {found.plan.tries}, "
         f"{words.plural(best.defects, 'defect')}  ·  {aim}",
     )
     across = MEASURES["images" if goal.name != "images" else "margin_dn"]

@@ -34,7 +34,7 @@ class Bench:
     def __init__(self, plan: Plan, backend: Backend) -> None:
         self.plan = plan
         self.backend = backend
-        self.parts = Parts(backend, plan.parts, plan.samples)
+        self.parts = Parts(backend, plan.parts, plan.samples, plan.seeds)
         # Bonferroni: all bounds of all designs at all thresholds hold together.
         self._risk = (1 - CONFIDENCE) / (2 * LEVELS * plan.designs)
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
 
+from gpuspec.detection.chances import least_share, share_within
 from gpuspec.detection.score import precision, recall
 from gpuspec.light.backend import Backend
 from gpuspec.simulation.seen import Seen
@@ -32,6 +34,7 @@ class Confirmed:
     station : Station
         With its threshold, and part 0.
     parts : tuple of Seen
+        One for each part under each draw of the noise.
     noise_dn : float
         Of the flawless surface; NaN: not known.
     """
@@ -79,7 +82,11 @@ class Confirmed:
         cost = {k: math.nan if v is None else float(v) for k, v in costs(self.station).items()}
         return {
             "p1": p1, "p2": p2, "f1": float(f1_of(np.array(p1), np.array(p2))),
-            "hits": float(total("hits")), **kinds, "false_px": float(total("false_px")),
+            "hits": float(total("hits")), **kinds,
+            "worst_hits": float(min(seen.hits for seen in self.parts)),
+            "worst_p2": min(float(recall(seen.hit_px, seen.zone_px)) for seen in self.parts),
+            "sure_hit_share": float(least_share(total("hits"), self.defects)),
+            "false_px": float(total("false_px")),
             "false_blobs": float(total("false_blobs")), "margin_dn": margin,
             "margin_sigma": margin / self.noise_dn if self.noise_dn else math.nan,
             "noise_dn": self.noise_dn, "smallest_mm": float(smallest[0]), **cost,
@@ -109,7 +116,7 @@ class Confirmed:
         )  # fmt: skip
         found: dict[str, Any] = {
             "hit_share": hits / max(defects, 1),
-            "hit_share_95": list(clopper_pearson(hits, defects)),
+            "hit_share_95": list(share_within(hits, defects)),
             "mean": {"p1": np.mean(p1), "p2": np.mean(p2), "hit_share": np.mean(share)},
             "worst": {"p1": min(p1), "p2": min(p2), "hit_share": min(share)},
         }
@@ -118,42 +125,9 @@ class Confirmed:
         return {**found, "expected": noisy} if noisy else found
 
 
-def clopper_pearson(hits: int, of: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Return between which shares a chance lies of which so many trials are known.
-
-    Parameters
-    ----------
-    hits, of : int
-        Trials that hit, and all.
-    confidence : float
-
-    Examples
-    --------
-    >>> from gpuspec.sweeps.trying.confirm import clopper_pearson
-    >>> [round(end, 3) for end in clopper_pearson(36, 36)]
-    [0.903, 1.0]
-    """
-    from scipy import special  # slow to import
-
-    risk = (1 - confidence) / 2
-    low = float(special.betaincinv(hits, of - hits + 1, risk)) if hits else 0.0
-    high = float(special.betainccinv(hits + 1, of - hits, risk)) if hits < of else 1.0
-    return low, high
-
-
-def confirm(station: Station, parts: int, backend: Backend) -> Confirmed:
-    """Look at a design part by part, every pixel of it; see :func:`confirm_all`.
-
-    Parameters
-    ----------
-    station : Station
-    parts : int
-    backend : Backend
-    """
-    return confirm_all([station], parts, backend)[0]
-
-
-def confirm_all(stations: Sequence[Station], parts: int, backend: Backend) -> list[Confirmed]:
+def confirm_all(
+    stations: Sequence[Station], parts: int, backend: Backend, seeds: int = 1
+) -> list[Confirmed]:
     """Look at designs part by part, every pixel; those of one geometry are traced once.
 
     Parameters
@@ -163,6 +137,8 @@ def confirm_all(stations: Sequence[Station], parts: int, backend: Backend) -> li
     parts : int
         How many parts to look at.
     backend : Backend
+    seeds : int
+        Draws of the noise on each.
 
     Raises
     ------
@@ -179,12 +155,12 @@ def confirm_all(stations: Sequence[Station], parts: int, backend: Backend) -> li
         seen: dict[int, list[Seen]] = {place: [] for place in places}
         noise: Noise | None = None
         for number in range(parts):
-            own = {place: with_part(stations[place], number) for place in places}
-            first = own[places[0]]
+            first = with_part(stations[places[0]], number)
             traced = trace(first, backend)
             noise = noise or Noise.traced(first, traced.relief)
-            for place in places:
-                seen[place].append(Seen.of(traced, own[place]))
+            for place, draw in product(places, range(seeds)):
+                own = with_part(stations[place], number, draw)
+                seen[place].append(Seen.of(traced, own))
             traced.light_map.release()
         for place in places:
             deviation = noise.of(stations[place]) if noise else math.nan

@@ -150,6 +150,12 @@ class Curves:
         return found
 
     @property
+    def worst_p2(self) -> Floats:
+        """Recall on the part or draw where it is the lowest, shape (D, 256)."""
+        found: Floats = recall(self.hit_px, self.zone_px[:, None, None]).min(axis=0)
+        return found
+
+    @property
     def p1(self) -> Floats:
         """Precision over all parts, shape (D, 256)."""
         return precision(self.hit_px.sum(axis=0), self.false_px.sum(axis=0))

@@ -7,6 +7,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from threading import Event
 from typing import Any, TypeVar
 
@@ -120,6 +121,8 @@ class Parts:
         Number of parts.
     samples : int
         Strata of the screening sample per part; 0: none is drawn.
+    seeds : int
+        Draws of the noise on each part.
 
     Attributes
     ----------
@@ -129,10 +132,11 @@ class Parts:
         Set from another thread, it ends the counting within a second by StoppedError.
     """
 
-    def __init__(self, backend: Backend, count: int, samples: int) -> None:
+    def __init__(self, backend: Backend, count: int, samples: int, seeds: int = 1) -> None:
         self.backend = backend
         self.count = count
         self.samples = samples
+        self.seeds = seeds
         self.traced = 0
         self.stopped = Event()
         self._drawn: OrderedDict[tuple[str, int], tuple[Defect, ...]] = OrderedDict()
@@ -158,8 +162,9 @@ class Parts:
         Returns
         -------
         levels : list of Levels
-            One for each part.
+            One for each part under each draw of the noise, a part's draws one after another.
         parts : list of TracedPart
+            As many.
 
         Raises
         ------
@@ -174,8 +179,8 @@ class Parts:
         self._turn_to(stations[0])
         noisy = any(station.sensor.noise for station in stations)
         found, parts = [], []
-        for number in range(self.count):
-            own = [with_part(s, number) for s in stations] if number and noisy else stations
+        for number, draw in product(range(self.count), range(self.seeds)):
+            own = [with_part(s, number, draw) for s in stations] if noisy else stations
             levels = None
             for way in (True, False):
                 some = np.flatnonzero(listed == way)

@@ -31,19 +31,22 @@ _COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     ("notes", pa.string(), "what to know before trusting the scores, a line each; null: nothing"),
     ("exact", pa.bool_(), "whether every pixel was counted; else P1 is estimated from a sample"),
     ("seeds", pa.list_(pa.uint32()), "what is added to every seed of the station, for each part"),
-    ("defects", pa.int32(), "known defects with a pixel in view, of all parts"),
+    ("draws", pa.int32(), "draws of the noise on each part"),
+    ("defects", pa.int32(), "known defects with a pixel in view, of all parts and draws"),
     ("zone_px", pa.int64(), "pixels of their zones"),
     ("threshold_dn", pa.float64(), "best threshold"),
     ("best_p1", pa.float64(), f"{words.P1} there; {words.BEST}"),
     ("best_p2", pa.float64(), f"{words.P2} there; {words.BEST}"),
     ("best_f1", pa.float64(), "F1 there"),
     ("best_hits", pa.int32(), "defects hit there"),
-    ("part_p1", pa.list_(pa.float64()), f"{words.P1} there of each part"),
-    ("part_p2", pa.list_(pa.float64()), f"{words.P2} there of each part"),
-    ("part_hits", pa.list_(pa.int32()), "defects hit there of each part"),
+    ("part_p1", pa.list_(pa.float64()), f"{words.P1} there of each part, draw by draw"),
+    ("part_p2", pa.list_(pa.float64()), f"{words.P2} there of each part, draw by draw"),
+    ("part_hits", pa.list_(pa.int32()), "defects hit there of each part, draw by draw"),
     ("p1", _CURVE, f"{words.P1} at each threshold"),
     ("p2", _CURVE, f"{words.P2} at each threshold"),
     ("hits", _WHOLE, "defects hit at each threshold"),
+    ("worst_hits", _WHOLE, "defects hit at each threshold on the worst part or draw; null: one"),
+    ("worst_p2", _CURVE, f"{words.P2} likewise"),
     ("p1_low", _CURVE, "least P1 there may be, where P1 is estimated"),
     ("p1_high", _CURVE, "greatest P1 there may be, where P1 is estimated"),
     ("margin_dn", pa.float64(), "level of the faintest defect less the highest flawless one"),
@@ -122,12 +125,13 @@ def rows(
         part[:, pick[0], pick[1]].T for part in (curves.hit_px, curves.false_px, curves.hits)
     )
     scale = {full: thresholds(full) for full in {s.sensor.full_scale_dn for s in stations}}
-    sampled = ~curves.exact
+    sampled, several = ~curves.exact, np.full(count, plan.inspections > 1)
     columns: dict[str, Any] = {
         "reason": pa.nulls(count, pa.string()),
         "notes": notes,
         "exact": curves.exact,
         "seeds": _lists(np.tile(_seeds(plan), (count, 1)), pa.uint32()),
+        "draws": np.full(count, plan.seeds),
         "defects": np.full(count, seen),
         "zone_px": np.full(count, curves.zone_px.sum()),
         "threshold_dn": [float(scale[s.sensor.full_scale_dn][t])
@@ -142,6 +146,8 @@ def rows(
         "p1": _curves(p1),
         "p2": _curves(p2),
         "hits": _curves(hits, pa.int32()),
+        "worst_hits": _curves(curves.hits.min(axis=0), pa.int32(), where=several),
+        "worst_p2": _curves(curves.worst_p2, where=several),
         "p1_low": _curves(curves.p1_low, where=sampled),
         "p1_high": _curves(curves.p1_high, where=sampled),
         **_margins(curves, stations, noise_dn),
