@@ -32,12 +32,12 @@ class Asked:
     Attributes
     ----------
     aim : Aim
-    over : tuple of str or None
+    over : tuple of str, or None
     min_area_mm2 : float
     """
 
     aim: Aim
-    over: tuple[str, str] | None
+    over: tuple[str, ...] | None
     min_area_mm2: float
 
 
@@ -76,18 +76,17 @@ def asked(
     place = Path(folders[0])
     if goal in RULES and not required and over is None and not min_area_mm2:
         return place, None
-    pair: tuple[str, str] | None = None
+    names: tuple[str, ...] | None = None
     if over is not None:
-        names = [name.strip() for name in over.split(",")]
-        if len(names) != 2 or names[0] == names[1]:
+        names = tuple(name.strip() for name in over.split(","))
+        if not 2 <= len(names) <= 3 or len(set(names)) < len(names):
             raise StationError(
-                f"--over {over} names no two measures; write --over margin_dn,images."
+                f"--over {over} names no two or three measures; write --over margin_dn,images."
             )
-        pair = names[0], names[1]
-        for name in pair:
+        for name in names:
             measure(name)
     chosen = "margin_dn" if goal is None else "p1" if goal == "paper" else goal
-    return place, Asked(Aim(chosen, tuple(required)), pair, min_area_mm2)  # type: ignore[arg-type]
+    return place, Asked(Aim(chosen, tuple(required)), names, min_area_mm2)  # type: ignore[arg-type]
 
 
 def check_no_floors(floors: Mapping[str, float]) -> None:
@@ -260,6 +259,7 @@ def _print(choice: AimChoice) -> None:
     from rich.text import Text
 
     from gpuspec.cli.tables import print_table
+    from gpuspec.simulation.cautions.station import listed
     from gpuspec.sweeps.measures import MEASURES
 
     out, plan = console(), choice.plan
@@ -268,7 +268,7 @@ def _print(choice: AimChoice) -> None:
         Text.assemble(
             (str(choice.run.path), "bold"),
             f": {words.plural(plan.designs, 'design')}, {count:,} of them meet what is required, "
-            f"{len(choice.front.design):,} on the front of {' and '.join(choice.over)}",
+            f"{len(choice.front.design):,} on the front of {listed(choice.over)}",
         ),
         soft_wrap=True,
     )
@@ -291,12 +291,13 @@ def _print(choice: AimChoice) -> None:
         out.print(Text.assemble(("note: ", "yellow"), note), soft_wrap=True)
     others = choice.next(NEXT)
     if len(others.design):
-        heads = ("design", *plan.values(0), "DN", choice.aim.goal, *choice.over)
+        told = dict.fromkeys([choice.aim.goal, *choice.over])
+        heads = ("design", *plan.values(0), "DN", *told)
         lines = [
             (
                 str(design), *(words.number(v) for v in plan.values(design).values()),
                 f"{choice.threshold_dn(others, number):.5g}",
-                *(f"{others.values[name][number]:.5g}" for name in heads[-3:]),
+                *(f"{others.values[name][number]:.5g}" for name in told),
             )
             for number, design in enumerate(others.design.tolist())
         ]  # fmt: skip

@@ -46,7 +46,7 @@ def front(
     require: Annotated[list[str] | None, typer.Option("--require", help=REQUIRE_HELP)] = None,
     over: Annotated[
         str | None,
-        typer.Option("--over", metavar="A,B", help="The two measures of the front's picture."),
+        typer.Option("--over", metavar="A,B[,C]", help="Two or three measures of the front."),
     ] = None,
     min_area_mm2: Annotated[
         float, typer.Option("--min-area-mm2", min=0, help="Smaller blobs are not looked at.")

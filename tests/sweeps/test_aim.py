@@ -23,6 +23,7 @@ from gpuspec.station.paths import at
 from gpuspec.station.station import Station
 from gpuspec.sweeps.aim import Aim, Requirement, best_of
 from gpuspec.sweeps.axes import Axis
+from gpuspec.sweeps.choosing.aim_page import aim_page
 from gpuspec.sweeps.choosing.aim_picture import aim_picture
 from gpuspec.sweeps.choosing.aimed import AimChoice, choose_for
 from gpuspec.sweeps.choosing.robust import Tolerances, windows
@@ -116,6 +117,28 @@ def test_a_front_of_p1_and_p2_is_over_all_thresholds(swept, opencl):
     for point in front:
         assert not ((every >= point).all(axis=1) & (every > point).any(axis=1)).any()
     assert len(front) > 5
+
+
+def test_a_front_of_three_measures_is_what_no_threshold_of_a_design_beats(swept, opencl):
+    """By brute force over the table: P1 and P2 high, images few."""
+    over = ("p1", "p2", "images")
+    choice = choose_for(swept["exact"], Aim("f1"), over, backend=opencl)
+    every = {(a, b, -float(row["images"])) for row in rows(swept["exact"])
+             for a, b in zip(row["p1"], row["p2"], strict=True)}  # fmt: skip
+    table = np.array(sorted(every))
+    best = {
+        point
+        for point in every
+        if not ((table >= point).all(axis=1) & (table > point).any(axis=1)).any()
+    }
+    front = np.column_stack([choice.front.values[name] for name in over]) * (1, 1, -1)
+    assert {tuple(point) for point in front.tolist()} == best
+    assert len(front) == len(best) > 20
+    figure = aim_picture(choice)
+    check_legible(figure)
+    texts = " ".join(text.get_text() for text in drawn_texts(figure))
+    assert "coloured by images" in texts and "images; less is better" in texts
+    assert "ColorBar" in aim_page(choice)
 
 
 def test_a_screened_sweep_chooses_no_worse_than_its_bounds_tell(swept, opencl):
@@ -285,7 +308,9 @@ def test_the_page_of_a_front_needs_no_network(gpuspec_: Command, swept):
         (["--goal", "p3"], "there is no 'p3' to choose by; did you mean p2?"),
         (["--goal", "margin"], "did you mean margin_dn?"),
         (["--require", "images <= 1"], "comes nearest"),
-        (["--over", "p1"], "--over p1 names no two measures"),
+        (["--over", "p1"], "--over p1 names no two or three measures"),
+        (["--over", "p1,p2,f1,hits"], "no two or three measures"),
+        (["--over", "p1,p2,p1"], "no two or three measures"),
         (["--over", "p1,image"], "did you mean images?"),
         (["--goal", "images", "--p2-floor", "0.9"], '--require "p2 >= 0.9"'),
         (["another"], "name one folder of a sweep, not 2"),

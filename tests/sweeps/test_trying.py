@@ -207,7 +207,7 @@ def test_seeds_draw_the_noise_anew_on_parts_that_are_traced_once(station, opencl
 
 
 def test_many_draws_have_the_mean_and_the_spread_of_the_closed_form(opencl, tmp_path):
-    """Beside one lucky draw: 60 draws, their mean within three of its own deviations and a count."""
+    """Of 60: the mean is within three of its own deviations and a count, the spread as told."""
     noisy = Station.from_dict(STATION).replace(
         **{"sensor.noise": True, "sensor.read_noise_e": 100.0, "sequence.images": 20}
     )

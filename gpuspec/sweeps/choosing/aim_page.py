@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 from bokeh.embed import file_html
 from bokeh.models import ColumnDataSource, HoverTool
+from bokeh.models.annotations.legends import ColorBar
 from bokeh.plotting import figure
 from bokeh.resources import INLINE
+from bokeh.transform import linear_cmap
 
 from gpuspec import words
 from gpuspec.sweeps.choosing.aimed import AimChoice, Standing
@@ -27,7 +29,7 @@ def aim_page(choice: AimChoice) -> str:
     ----------
     choice : AimChoice
     """
-    up, across = (measure(name) for name in choice.over)
+    up, across, *third = (measure(name) for name in choice.over)
     plot = figure(
         title=f"{choice.run.path.name}: {choice.aim}", x_axis_label=across.axis,
         y_axis_label=up.axis, width=1000, height=640, tools="pan,wheel_zoom,box_zoom,reset,save",
@@ -44,19 +46,27 @@ def aim_page(choice: AimChoice) -> str:
         ("threshold, DN", "@threshold_dn{0.0}"),
         *((name, f"@{{{name}}}{{0.[000]}}") for name in dict.fromkeys([*choice.over, *_SHOWN])),
     ]
-    plot.step("x", "y", source=_source(choice, front), color="black", line_width=1.5,
-              mode="before" if across.high else "after")  # fmt: skip
+    colour: Any = "black"
+    if third:
+        seen = front.values[third[0].name]
+        low, high = float(seen.min()), float(seen.max())
+        colour = linear_cmap(third[0].name, "Viridis256", low, high)
+        scale = ColorBar(color_mapper=colour.transform, title=third[0].axis)
+        plot.add_layout(scale, "right")
+    else:
+        plot.step("x", "y", source=_source(choice, front), color="black", line_width=1.5,
+                  mode="before" if across.high else "after")  # fmt: skip
     drawn: list[Any] = []
-    for points, colour, size, name in (
+    for points, fill, size, name in (
         (choice.ranked.only(some), "#A8A8A8", 5, "meets what is required"),
-        (front, "black", 7, "front"),
+        (front, colour, 7, "front"),
         (choice.next(3), "#F0E442", 10, "next three"),
     ):
         drawn.append(
-            plot.scatter("x", "y", source=_source(choice, points), size=size, fill_color=colour,
+            plot.scatter("x", "y", source=_source(choice, points), size=size, fill_color=fill,
                          line_color="black" if size > 5 else None, legend_label=name)
         )  # fmt: skip
-    for held, colour, marker, name in (
+    for held, fill, marker, name in (
         (choice.peak, "#D55E00", "circle", "peak"), (choice.robust, "#0072B2", "diamond", "robust"),
     ):  # fmt: skip
         values = held.values
@@ -64,7 +74,7 @@ def aim_page(choice: AimChoice) -> str:
         one = Standing(np.array([held.design]), np.array([0]), at)
         drawn.append(
             plot.scatter("x", "y", source=_source(choice, one, held.threshold_dn), size=17,
-                         marker=marker, fill_color=colour, line_color="white", legend_label=name)
+                         marker=marker, fill_color=fill, line_color="white", legend_label=name)
         )  # fmt: skip
     plot.add_tools(HoverTool(renderers=drawn, tooltips=tips))
     plot.legend.location = "bottom_right" if up.high else "top_right"
@@ -77,12 +87,12 @@ def _source(
     choice: AimChoice, points: Standing, threshold_dn: float | None = None
 ) -> ColumnDataSource:
     """Return points with all that is told of them."""
-    first, second = choice.over
+    first, second, *_ = choice.over
     designs = points.design.tolist()
     values = [choice.plan.values(design) for design in designs]
     dn = [threshold_dn if threshold_dn is not None else choice.threshold_dn(points, number)
           for number in range(len(designs))]  # fmt: skip
-    told = {name: points.values[name].tolist() for name in dict.fromkeys([first, second, *_SHOWN])}
+    told = {name: points.values[name].tolist() for name in dict.fromkeys([*choice.over, *_SHOWN])}
     return ColumnDataSource(
         {
             "x": told[second], "y": told[first], "design": designs, "threshold_dn": dn,

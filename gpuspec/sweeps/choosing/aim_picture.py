@@ -1,4 +1,4 @@
-"""The picture of an aim's choice: two measures, the front, the peak, what holds, and the next."""
+"""The picture of an aim's choice: its measures, the front, the peak, what holds, and the next."""
 
 from __future__ import annotations
 
@@ -25,23 +25,26 @@ _BLUE = "#0072B2"
 
 
 def aim_picture(choice: AimChoice) -> Figure:
-    """Draw every design that meets an aim over two measures, and what is chosen of them.
+    """Draw every design that meets an aim over its measures, and what is chosen of them.
+
+    Of three measures the third is the colour of the points.
 
     Parameters
     ----------
     choice : AimChoice
     """
-    up, across = (measure(name) for name in choice.over)
+    up, across, *third = (measure(name) for name in choice.over)
+    coloured = f", coloured by {third[0].said}" if third else ""
     sheet = Sheet(WIDTH, 900)
     sheet.heading(
-        f"{up.said[0].upper()}{up.said[1:]} over {across.said}: the front is what no other design "
-        f"beats in both",
+        f"{up.said[0].upper()}{up.said[1:]} over {across.said}{coloured}: the front is what no "
+        f"other design beats in {'all' if third else 'both'}",
         f"{words.plural(choice.plan.designs, 'design')}, {len(choice.ranked.design):,} of them "
         f"meet what is required  ·  {choice.aim}",
         f"tolerances: {choice.tolerances}",
     )
     ax = sheet.axes(MARGIN, 150, 860, 660)
-    handles = _draw(ax, choice)
+    handles, coloured_points = _draw(ax, choice)
     open_frame(ax, across.axis, up.axis)
     _arrow(ax, up.high, across.high)
     sheet.legend(handles, 98)
@@ -51,22 +54,24 @@ def aim_picture(choice: AimChoice) -> Figure:
         (choice.robust, "Robust: the best within the tolerances", _BLUE),
     ):
         top = _describe(sheet, choice, held, (name, colour), top)
+    if third:
+        scale = sheet.axes(1046, top + 24, 358, 14)
+        sheet.figure.colorbar(coloured_points, cax=scale, orientation="horizontal")
+        sheet.text(1046, top, third[0].axis, color=_DARK)
     return sheet.figure
 
 
-def _draw(ax: Axes, choice: AimChoice) -> list[Any]:
-    first, second = choice.over
-    y, x = (choice.ranked.values[name] for name in choice.over)
+def _draw(ax: Axes, choice: AimChoice) -> tuple[list[Any], Any]:
+    """Draw the designs; return what a legend tells, and the points that a scale belongs to."""
+    first, second, *third = choice.over
+    y, x = (choice.ranked.values[name] for name in (first, second))
     some = np.arange(len(x))
     if len(some) > DRAWN:
         some = np.random.default_rng(0).choice(len(x), DRAWN, replace=False)
     handles = ax.plot(x[some], y[some], "o", color="#B8B8B8", markersize=4,
                       label="meets what is required")  # fmt: skip
-    order = np.argsort(choice.front.values[second], kind="stable")
-    rising = choice.front.only(order)
-    style: dict[str, Any] = {"linewidth": 1.6, "marker": ".", "markersize": 8, "color": "black"}
-    style["drawstyle"] = "steps-pre" if MEASURES[second].high else "steps-post"
-    handles += ax.plot(rising.values[second], rising.values[first], label="front", **style)
+    front = _draw_surface(ax, choice, third[0]) if third else _draw_line(ax, choice)
+    handles.append(front)
     following = choice.next(NEXT)
     ring: dict[str, Any] = {"markerfacecolor": "none", "markeredgecolor": "black"}
     handles += ax.plot(following.values[second], following.values[first], "s", markersize=8,
@@ -78,7 +83,25 @@ def _draw(ax: Axes, choice: AimChoice) -> list[Any]:
                            markersize=size, markeredgecolor="white", markeredgewidth=1.4,
                            linestyle="none", label=name, zorder=5, clip_on=False)  # fmt: skip
     ax.margins(0.06)
-    return handles
+    return handles, front
+
+
+def _draw_line(ax: Axes, choice: AimChoice) -> Any:
+    """Draw the front of two measures."""
+    first, second = choice.over
+    rising = choice.front.only(np.argsort(choice.front.values[second], kind="stable"))
+    way = "steps-pre" if MEASURES[second].high else "steps-post"
+    (drawn,) = ax.plot(rising.values[second], rising.values[first], ".-", label="front",
+                       color="black", linewidth=1.6, markersize=8, drawstyle=way)  # fmt: skip
+    return drawn
+
+
+def _draw_surface(ax: Axes, choice: AimChoice, third: str) -> Any:
+    """Draw the front of three measures, the third as colour."""
+    first, second, _ = choice.over
+    values = choice.front.values
+    return ax.scatter(values[second], values[first], s=26, c=values[third], cmap="viridis",
+                      edgecolors="black", linewidths=0.5, label="front", zorder=3)  # fmt: skip
 
 
 def _arrow(ax: Axes, up: bool, right: bool) -> None:

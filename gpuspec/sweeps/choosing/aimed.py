@@ -112,9 +112,9 @@ class AimChoice:
     ranked : Standing
         Every design that meets the aim, at its best threshold, the best first.
     over : tuple of str
-        The two measures of the front.
+        The two or three measures of the front.
     front : Standing
-        What no other that meets the aim beats in both of them.
+        What no other that meets the aim beats in all of them.
     peak, robust : Held
         The best where nothing is off, and the one that is the best within the tolerances.
     tolerances : Tolerances
@@ -125,7 +125,7 @@ class AimChoice:
     run: RunFolder
     aim: Aim
     ranked: Standing
-    over: tuple[str, str]
+    over: tuple[str, ...]
     front: Standing
     peak: Held
     robust: Held
@@ -169,7 +169,7 @@ class AimChoice:
 def choose_for(
     run: RunFolder | str | Path,
     aim: Aim,
-    over: tuple[str, str] | None = None,
+    over: tuple[str, ...] | None = None,
     *,
     min_area_mm2: float = 0.0,
     backend: str | Backend = "auto",
@@ -185,7 +185,8 @@ def choose_for(
         Or the path of a sweep's folder.
     aim : Aim
     over : tuple of str, optional
-        The two measures of the front; None: the goal and the number of images, or the margin.
+        The two or three measures of the front; None: the goal and the number of images, or the
+        margin.
     min_area_mm2 : float
         Blobs that are smaller are left out: it is the size filter of the chosen station.
     backend, device
@@ -210,8 +211,8 @@ def choose_for(
     20.0
     """
     run = run if isinstance(run, RunFolder) else RunFolder.read(run)
-    pair = over or (aim.goal, "margin_dn" if aim.goal in COSTS else "images")
-    names = dict.fromkeys([*aim.names, *pair])
+    over = over or (aim.goal, "margin_dn" if aim.goal in COSTS else "images")
+    names = dict.fromkeys([*aim.names, *over])
     for name in names:
         measure(name)
     _check_known(run.plan.station, names)
@@ -222,7 +223,7 @@ def choose_for(
             all_of[name] = max(all_of.get(name, 0), count)
     # What the table only bounds is taken for as good as it may be, and then looked at.
     lenient = frozenset(["false_blobs"] if min_area_mm2 else _loose(aim))
-    standing, front, weakest, flawless = _read(run, aim, pair, all_of, lenient)
+    standing, front, weakest, flawless = _read(run, aim, over, all_of, lenient)
     ranked = _ranked(standing, aim, all_of)
     met = _met(ranked, aim, all_of)
     if not met.any():
@@ -236,7 +237,7 @@ def choose_for(
     one = looker.held(peak[0], peak[1], tolerances, (low, high))
     order = _by_window(ranked, aim, low, high)
     robust = looker.robust(ranked.only(order), tolerances, (low, high), one)
-    return AimChoice(run, aim, ranked, pair, front, one, robust, tolerances, all_of)
+    return AimChoice(run, aim, ranked, over, front, one, robust, tolerances, all_of)
 
 
 def _check_known(station: Station, names: Any) -> None:
@@ -260,13 +261,13 @@ def _loose(aim: Aim) -> list[str]:
 
 
 def _read(
-    run: RunFolder, aim: Aim, pair: tuple[str, str], all_of: dict[str, int],
+    run: RunFolder, aim: Aim, over: tuple[str, ...], all_of: dict[str, int],
     lenient: frozenset[str],
 ) -> tuple[Standing, Standing, Ints, Ints]:  # fmt: skip
     """Return each design at its best threshold, the front, and the levels of the whole grid."""
     weakest = np.full(run.plan.designs, -1, np.int64)
     flawless = np.full(run.plan.designs, 256, np.int64)
-    wanted = {*aim.names, *pair}
+    wanted = {*aim.names, *over}
     standing: list[Standing] = []
     fronts: list[Standing] = []
     for table in run.batches([*COLUMNS]):
@@ -281,10 +282,10 @@ def _read(
         met = np.broadcast_to(sum(missed) == 0 if missed else True, (len(level), 256))
         row, at = np.nonzero(met)
         points = _at(found, values, row, at)
-        fronts.append(points.only(_undominated(points, pair)))
+        fronts.append(points.only(_undominated(points, over)))
     every = Standing.together(fronts)
     return (
-        Standing.together(standing), every.only(_undominated(every, pair)), weakest, flawless
+        Standing.together(standing), every.only(_undominated(every, over)), weakest, flawless
     )  # fmt: skip
 
 
@@ -294,18 +295,28 @@ def _at(found: Measured, values: dict[str, Any], row: Any, level: Any) -> Standi
     return Standing(found.design[row], np.asarray(level, np.int64), picked)
 
 
-def _undominated(points: Standing, pair: tuple[str, str]) -> Ints:
-    """Return the places of the points that no other beats in both, the best of the first first."""
-    x, y = ((points.values[name] if MEASURES[name].high else -points.values[name]) for name in pair)
-    known = np.flatnonzero(~(np.isnan(x) | np.isnan(y)))
-    margin = points.values["margin_dn"][known]
-    order = known[
-        np.lexsort((points.level[known], points.design[known], -points.values["room"][known],
-                    -margin, -y[known], -x[known]))
+def _undominated(points: Standing, over: tuple[str, ...]) -> Ints:
+    """Return the places of the points that no other beats in all measures, best of the first first.
+
+    Of points that are equal in all of them the first by margin, room, design and level is kept.
+    """
+    high = np.array([points.values[n] * (1 if MEASURES[n].high else -1) for n in over])
+    known = np.flatnonzero(~np.isnan(high).any(axis=0))
+    left = known[
+        np.lexsort(
+            (points.level[known], points.design[known], -points.values["room"][known],
+             -points.values["margin_dn"][known], *-high[::-1, known])
+        )
     ]  # fmt: skip
-    best = np.maximum.accumulate(np.append(-np.inf, y[order]))
-    found: Ints = order[y[order] > best[:-1]]
-    return found
+    if len(over) == 2:
+        best = np.maximum.accumulate(np.append(-np.inf, high[1, left]))
+        found: Ints = left[high[1, left] > best[:-1]]
+        return found
+    kept = []
+    while len(left):  # the first is beaten by none that is left
+        kept.append(left[0])
+        left = left[(high[:, left] > high[:, left[:1]]).any(axis=0)]
+    return np.array(kept, np.int64)
 
 
 def _ranked(standing: Standing, aim: Aim, all_of: dict[str, int]) -> Standing:
