@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from gpuspec.arrays import GreyLevels, LabelImage, Mask, check_label_image, check_mask
 from gpuspec.detection.connected import Integers, connected_pixels
-from gpuspec.detection.false_blobs import guarded
 from gpuspec.detection.inspection import Inspection
 from gpuspec.detection.score import precision, recall
 from gpuspec.detection.segmentation import sampled_places
@@ -113,6 +112,7 @@ def over_threshold(
     image: GreyLevels,
     truth: LabelImage,
     valid: Mask,
+    guard: Mask,
     thresholds: NDArray[np.floating],
     *,
     min_area_px: int = 0,
@@ -127,6 +127,9 @@ def over_threshold(
         Zones: 0 where flawless, i in the zone of defect i, from 1.
     valid : (M, N) bool array
         Pixels that are scored.
+    guard : (M, N) bool array
+        Zones and their guard bands, as of :func:`gpuspec.part.guard.guarded`: what is detected
+        beyond them is false.
     thresholds : (n,) array
         DN. Time goes with what is above the lowest: take none far below the flawless level.
     min_area_px : int
@@ -147,7 +150,7 @@ def over_threshold(
     >>> image, truth = np.full((9, 40), 60.0), np.zeros((9, 40), np.int32)
     >>> truth[4, 5], truth[4, 20] = 1, 2
     >>> image[4, 5], image[4, 20], image[2, 33] = 90.0, 75.0, 68.0  # two defects and a stain
-    >>> found = over_threshold(image, truth, np.full((9, 40), True), np.array([62, 70, 80]))
+    >>> found = over_threshold(image, truth, truth >= 0, truth > 0, np.array([62, 70, 80]))
     >>> found
     OverThreshold(3 thresholds, 2 defects; all found and nothing else from 68.0 to 75.0 DN)
     >>> found.hits.tolist(), found.false_blobs.tolist()
@@ -155,13 +158,14 @@ def over_threshold(
     """
     check_label_image("truth", truth, image.shape)
     check_mask("valid", valid, image.shape)
+    check_mask("guard", guard, image.shape)
     levels = np.unique(np.asarray(thresholds, np.float64))
     if not levels.size:
         raise ValueError("There is no threshold to score at.")
     place = np.flatnonzero((image > levels[0]) & valid)
     seen = _Seen(
         place, image.flat[place].astype(np.float64), truth.flat[place].astype(np.intp),
-        ~guarded(truth).flat[place], image.shape[1], min_area_px,
+        ~guard.flat[place], image.shape[1], min_area_px,
     )  # fmt: skip
     sizes = np.bincount(truth[valid].astype(np.intp))[1:]
     defects = int(np.count_nonzero(sizes))

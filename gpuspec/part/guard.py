@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from gpuspec.arrays import LabelImage, Mask
 from gpuspec.part.grooves import Grooves, averaged
 from gpuspec.part.relief import Relief
 from gpuspec.part.spans import runs_around, stretch, together
-from gpuspec.part.truth import ZONE, Truth, window
+from gpuspec.part.truth import ZONE, window
 from gpuspec.station.station import Station
 
 Ints = NDArray[np.int64]
@@ -22,7 +23,7 @@ REACH_PX = 2
 _NEWTON_STEPS = 6
 
 
-def near(station: Station, relief: Relief, truth: Truth) -> Ints:
+def near(station: Station, relief: Relief, zones: LabelImage) -> Ints:
     """Return the zones' pixels and those of their guard band, ascending.
 
     A defect does not end where its zone does. The band reaches as far as what is left of it changes
@@ -34,8 +35,8 @@ def near(station: Station, relief: Relief, truth: Truth) -> Ints:
     station : Station
     relief : Relief
         Of that station.
-    truth : Truth
-        Likewise.
+    zones : ndarray of int32, shape (M, N)
+        Of that part, see :class:`gpuspec.part.truth.Truth`.
 
     Returns
     -------
@@ -54,10 +55,24 @@ def near(station: Station, relief: Relief, truth: Truth) -> Ints:
     there = count > 0
     found = together(first[there], count[there])
     if station.part.relief:  # of which the pits are known
-        marked = np.flatnonzero(truth.labels)
+        marked = np.flatnonzero(zones)
         for _ in range(REACH_PX):
             marked = widened(marked, station.shape)
         found = np.union1d(found, marked)
+    return found
+
+
+def guarded(station: Station, relief: Relief, zones: LabelImage) -> Mask:
+    """Return which pixels are in a zone or its guard band, shape (M, N); see :func:`near`.
+
+    Parameters
+    ----------
+    station : Station
+    relief : Relief
+    zones : ndarray of int32, shape (M, N)
+    """
+    found = np.zeros(zones.shape, np.bool_)
+    found.flat[near(station, relief, zones)] = True
     return found
 
 

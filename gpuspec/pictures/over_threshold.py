@@ -16,8 +16,9 @@ from gpuspec.arrays import BESIDE
 from gpuspec.detection.false_blobs import least_pixels
 from gpuspec.detection.inspection import levelled
 from gpuspec.detection.over_threshold import OverThreshold, over_threshold, thresholds_of
+from gpuspec.part.guard import guarded
 from gpuspec.pictures.page import MARGIN, SKY, VERMILION, WIDTH, YELLOW, Sheet
-from gpuspec.pictures.seen import Inspected
+from gpuspec.pictures.seen import Simulated
 
 STATED = "stated"
 _LEVELS = 120
@@ -27,17 +28,18 @@ Named = Sequence[tuple[str, float]]
 """Thresholds that are marked: name and DN."""
 
 
-def over_threshold_picture(result: Inspected) -> Figure:
+def over_threshold_picture(result: Simulated) -> Figure:
     """Draw what each threshold would have found in an inspection with known defects.
 
     Parameters
     ----------
-    result : Inspected
+    result : Simulated
     """
     station, on_part = result.station, result.lost != BESIDE
     image = levelled(result.aspect, on_part, station, result.lost == 0)
     found = over_threshold(
-        image, result.truth, on_part, thresholds_of(image, on_part, result.inspection, _LEVELS),
+        image, result.truth, on_part, guarded(station, result.relief, result.truth),
+        thresholds_of(image, on_part, result.inspection, _LEVELS),
         min_area_px=least_pixels(station.segmentation.min_area_mm2, station.camera.sampling_mm),
     )  # fmt: skip
     how = STATED if result.inspection.rule == "stated" else "automatic"

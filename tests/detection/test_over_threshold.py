@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from gpuspec.detection.false_blobs import false_blobs, guarded
+from gpuspec.detection.false_blobs import false_blobs
 from gpuspec.detection.over_threshold import OverThreshold, over_threshold
 from gpuspec.detection.score import score
 from gpuspec.detection.segmentation import segment
@@ -33,8 +33,13 @@ def scene() -> tuple[np.ndarray, np.ndarray]:
     return image.astype(np.float32), truth
 
 
+def guard_of(truth: np.ndarray) -> np.ndarray:
+    return ndimage.binary_dilation(truth > 0, iterations=4)
+
+
 def along(scene: tuple[np.ndarray, np.ndarray], least: int) -> OverThreshold:
-    return over_threshold(*scene, VALID, np.linspace(50, 110, 25), min_area_px=least)
+    thresholds, guard = np.linspace(50, 110, 25), guard_of(scene[1])
+    return over_threshold(*scene, VALID, guard, thresholds, min_area_px=least)
 
 
 @pytest.mark.parametrize("least", [0, 3])
@@ -45,7 +50,7 @@ def test_every_threshold_finds_what_segmentation_finds_at_it(scene, least: int) 
         one = score(segment(image, VALID, level, min_area_px=least), truth, VALID, 4)
         assert (found.p1[i], found.p2[i], found.hits[i]) == (one.p1, one.p2, one.defects_hit)
         assert found.f1[i] == pytest.approx(one.f1)
-        labels = false_blobs((image > level) & VALID, guarded(truth), min_area_px=least)
+        labels = false_blobs((image > level) & VALID, guard_of(truth), min_area_px=least)
         assert found.false_blobs[i] == labels.max()
         assert found.false_px[i] == np.count_nonzero(labels)
 
@@ -53,10 +58,10 @@ def test_every_threshold_finds_what_segmentation_finds_at_it(scene, least: int) 
 @pytest.mark.parametrize("least", [0, 3])
 def test_within_the_range_all_is_found_and_nothing_else_and_beyond_it_not(scene, least) -> None:
     image, truth = scene
-    low, high = along(scene, least).range_dn
+    (low, high), guard = along(scene, least).range_dn, guard_of(truth)
 
     def at(level: float) -> tuple[int, int]:
-        one = over_threshold(image, truth, VALID, np.array([level]), min_area_px=least)
+        one = over_threshold(image, truth, VALID, guard, np.array([level]), min_area_px=least)
         return int(one.hits[0]), int(one.false_blobs[0])
 
     just = 1e-3
@@ -73,7 +78,7 @@ def test_where_a_stain_is_brighter_than_a_defect_there_is_no_range(scene) -> Non
     image, truth = scene
     stained = image.copy()
     stained[55, 5] = 100
-    found = over_threshold(stained, truth, VALID, np.linspace(50, 110, 25))
+    found = over_threshold(stained, truth, VALID, guard_of(truth), np.linspace(50, 110, 25))
     assert found.range_dn is None
     assert found.clean_dn == 100
     assert "at no threshold" in repr(found)
@@ -81,7 +86,8 @@ def test_where_a_stain_is_brighter_than_a_defect_there_is_no_range(scene) -> Non
 
 def test_without_zones_only_false_blobs_are_counted(scene) -> None:
     image, _ = scene
-    found = over_threshold(image, np.zeros(SHAPE, np.int32), VALID, np.array([70.0, 80.0]))
+    none = np.zeros(SHAPE, np.int32)
+    found = over_threshold(image, none, VALID, none > 0, np.array([70.0, 80.0]))
     assert found.defects == 0
     assert np.isnan(found.p2).all()
     assert np.isnan(found.found_dn)
@@ -91,4 +97,4 @@ def test_without_zones_only_false_blobs_are_counted(scene) -> None:
 
 def test_there_must_be_a_threshold(scene) -> None:
     with pytest.raises(ValueError, match="no threshold"):
-        over_threshold(*scene, VALID, np.array([]))
+        over_threshold(*scene, VALID, scene[1] > 0, np.array([]))

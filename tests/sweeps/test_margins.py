@@ -43,7 +43,7 @@ def looked_at(station: Station, opencl: OpenCLBackend):
     light_map = opencl.trace(station, relief)
     level = np.ceil(light_map.aspect() * np.float32(255 / station.sensor.full_scale_dn))
     flawless = light_map.lost() != BESIDE
-    flawless.flat[near(station, relief, truth)] = False
+    flawless.flat[near(station, relief, truth.labels)] = False
     return level, truth, flawless
 
 

@@ -196,7 +196,7 @@ def listed(
     around : ndarray of int64, optional
         What :func:`gpuspec.part.guard.near` returns of them; None: it is asked.
     """
-    around = near(station, relief, truth) if around is None else around
+    around = near(station, relief, truth.labels) if around is None else around
     ground = _Ground.of(station, relief)
     known = np.union1d(around, ground.doubtful) if len(ground.doubtful) else around
     rest = _Rest(ground, known)

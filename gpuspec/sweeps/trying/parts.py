@@ -76,7 +76,7 @@ class Placed:
         """
         relief = Relief.of(station, placed=defects)
         truth = Truth.of(station, relief)
-        return cls(relief, truth, near(station, relief, truth))
+        return cls(relief, truth, near(station, relief, truth.labels))
 
     @cached_property
     def zones(self) -> Zones:
