@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
+import scipy  # whose modules are imported when they are used
 
 from gpuspec.arrays import GreyLevels, Image, Mask, check_mask
 from gpuspec.detection.segmentation import SIGMA_PER_MAD, median
@@ -75,7 +75,7 @@ def local_background(image: GreyLevels, region: Mask, window_px: float) -> Image
     block = max(1, int(window_px // BLOCKS))
     levels = _averaged(inside, region[rows, columns], block)
     size = max(3, 2 * round((window_px / block - 1) / 2) + 1)
-    levels = ndimage.median_filter(levels, size, mode="nearest")
+    levels = scipy.ndimage.median_filter(levels, size, mode="nearest")
     found = _interpolated(levels, block, inside.shape)
     beside = [(s.start, n - s.stop) for s, n in zip((rows, columns), image.shape, strict=True)]
     return np.pad(found, beside, mode="edge")
@@ -98,7 +98,7 @@ def _averaged(image: Image, region: Mask, block: int) -> Image:
     counts = added(region)
     levels: Image = np.divide(added(image), np.maximum(counts, 1), dtype=np.float32)
     if not counts.all():
-        nearest = ndimage.distance_transform_edt(
+        nearest = scipy.ndimage.distance_transform_edt(
             counts == 0, return_distances=False, return_indices=True
         )
         levels = levels[tuple(nearest)]
@@ -148,8 +148,8 @@ def smoothed(image: GreyLevels, region: Mask, sigma_px: float) -> Image:
     inside = np.where(region, image, 0).astype(np.float32)
     if sigma_px <= 0:
         return inside
-    sums = ndimage.gaussian_filter(inside, sigma_px)
-    weights = ndimage.gaussian_filter(region.astype(np.float32), sigma_px)
+    sums = scipy.ndimage.gaussian_filter(inside, sigma_px)
+    weights = scipy.ndimage.gaussian_filter(region.astype(np.float32), sigma_px)
     found: Image = np.divide(sums, weights, out=np.zeros_like(sums), where=region)
     return found
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from gpuspec.arrays import LabelImage, Mask, check_label_image, check_mask
 
@@ -94,6 +93,8 @@ def expected_score(
     >>> expected_score(mean, deviation, np.array([[1, 1, 0]]), np.full((1, 3), True), 1, 92.0)
     Expected(P1 1.000 +- 0.0000, P2 0.500 +- 0.2583; 0.87 +- 0.34 defects hit)
     """
+    from scipy.special import ndtr  # slow to import
+
     check_label_image("truth", truth, mean.shape)
     check_mask("valid", valid, mean.shape)
     # All others are detected in no draw.

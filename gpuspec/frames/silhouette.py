@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy  # whose modules are imported when they are used
 from numpy.typing import NDArray
-from scipy import ndimage
-from scipy.optimize import least_squares
 
 from gpuspec.arrays import Image, Mask
 from gpuspec.detection.score import Score, score
@@ -275,14 +274,14 @@ def _finds(
         if not differs.any():
             continue
         # Distance from the nominal outline, and the nearest pixel on its other side.
-        depth, nearest = ndimage.distance_transform_edt(
+        depth, nearest = scipy.ndimage.distance_transform_edt(
             nominal if kind < 0 else ~nominal, return_indices=True
         )
         deep = differs & (depth > tolerance_px)
-        near = ndimage.binary_dilation(
+        near = scipy.ndimage.binary_dilation(
             deep, np.ones((3, 3)), iterations=int(tolerance_px) + 1, mask=differs
         )
-        groups, count = ndimage.label(near, np.ones((3, 3)))
+        groups, count = scipy.ndimage.label(near, np.ones((3, 3)))
         for number in range(1, count + 1):
             row, column = np.nonzero(groups == number)
             at = np.argmax(depth[row, column])
@@ -325,7 +324,7 @@ class _Pose:
         """Return a mask or labels so laid."""
         cosine, sine = np.cos(self.turn_rad), np.sin(self.turn_rad)
         back = np.array([[cosine, sine], [-sine, cosine]])
-        there: NDArray[Any] = ndimage.affine_transform(
+        there: NDArray[Any] = scipy.ndimage.affine_transform(
             labels.astype(np.int32), back, self.middle - back @ self.target, order=0
         )
         return there.astype(labels.dtype)
@@ -339,9 +338,9 @@ def _fitted(outline: Mask, nominal: Mask) -> _Pose:
     """
     if not nominal.any():
         raise FrameError("the nominal part has no pixel; check its size.")
-    inside, outside = (ndimage.distance_transform_edt(one) for one in (nominal, ~nominal))
+    inside, outside = (scipy.ndimage.distance_transform_edt(one) for one in (nominal, ~nominal))
     distance = (inside - outside).astype(np.float32)
-    edge = np.argwhere(outline & ~ndimage.binary_erosion(outline)).astype(np.float64)
+    edge = np.argwhere(outline & ~scipy.ndimage.binary_erosion(outline)).astype(np.float64)
     edge = edge[:: max(len(edge) // _POINTS, 1)]
     middle, seen = (np.argwhere(one).mean(axis=0) for one in (nominal, outline))
 
@@ -350,14 +349,16 @@ def _fitted(outline: Mask, nominal: Mask) -> _Pose:
         cosine, sine = np.cos(pose[2]), np.sin(pose[2])
         row = away[:, 0] * cosine + away[:, 1] * sine + middle[0]
         column = away[:, 1] * cosine - away[:, 0] * sine + middle[1]
-        at: NDArray[np.float64] = ndimage.map_coordinates(
+        at: NDArray[np.float64] = scipy.ndimage.map_coordinates(
             distance, [row, column], order=1, mode="nearest"
         )
         return at - 1.0  # of a pixel on the edge
 
     size = max(float(np.ptp(edge, axis=0).max()) / 2, 1.0)
     found = [
-        least_squares(misses, [0.0, 0.0, turn], loss="soft_l1", x_scale=[1, 1, 1 / size])
+        scipy.optimize.least_squares(
+            misses, [0.0, 0.0, turn], loss="soft_l1", x_scale=[1, 1, 1 / size]
+        )
         for turn in np.deg2rad(_TURNS_DEG)
     ]
     best = min(found, key=lambda one: float(one.cost)).x

@@ -77,8 +77,8 @@ def brute_force(name: str, m: LightMapArrays, station: Station) -> NDArray[np.fl
 @pytest.mark.parametrize("subsampling", [1, 2])
 def test_the_aspect_image_is_that_of_a_footprint_of_many_points(backend, name, subsampling):
     station = of_lights(
-        name, camera__columns=9, camera__rows=7, camera__subsampling=subsampling,
-        part__roughness_rad=0.0005,
+        name, camera__columns=9 // subsampling, camera__rows=7 // subsampling,
+        camera__subsampling=subsampling, part__roughness_rad=0.0005,
     )  # fmt: skip
     light_map = backend.trace(station)
     expected = brute_force(name, light_map.read(), station)
