@@ -33,12 +33,12 @@ class Asked:
     ----------
     aim : Aim
     over : tuple of str, or None
-    min_area_mm2 : float
+    min_area_mm2 : float or None
     """
 
     aim: Aim
     over: tuple[str, ...] | None
-    min_area_mm2: float
+    min_area_mm2: float | None
 
 
 def asked(
@@ -46,7 +46,7 @@ def asked(
     goal: str | None,
     require: Sequence[str] | None,
     over: str | None,
-    min_area_mm2: float,
+    min_area_mm2: float | None,
 ) -> tuple[Path, Asked | None]:
     """Return the folder of a run and what is asked for; None: the paper's rule.
 
@@ -74,7 +74,7 @@ def asked(
             f'<= or >=, e.g. --require "hits = all".'
         )
     place = Path(folders[0])
-    if goal in RULES and not required and over is None and not min_area_mm2:
+    if goal in RULES and not required and over is None and min_area_mm2 is None:
         return place, None
     names: tuple[str, ...] | None = None
     if over is not None:

@@ -49,8 +49,9 @@ def front(
         typer.Option("--over", metavar="A,B[,C]", help="Two or three measures of the front."),
     ] = None,
     min_area_mm2: Annotated[
-        float, typer.Option("--min-area-mm2", min=0, help="Smaller blobs are not looked at.")
-    ] = 0.0,
+        float | None,
+        typer.Option("--min-area-mm2", min=0, help="Size filter in place of the station's own."),
+    ] = None,
     hit_share: Annotated[
         float | None,
         typer.Option("--hit-share", help="Least share of the defects that must be hit."),

@@ -102,10 +102,11 @@ def sweep(
         known = of_plan(plan)
         print_notes(known)
         print_assumptions(ideals_of_plan(plan))
-        if described.segmentation != plan.station.segmentation:
+        rule = described.segmentation
+        if rule.threshold != "auto" or rule.min_area_mm2:
             console().print(
                 "note: the station's own threshold and size filter are left out: every design is "
-                "scored at all thresholds.",
+                "scored at all thresholds, pixel by pixel; of false blobs the filter counts again.",
                 soft_wrap=True,
             )
         if plan_only:

@@ -166,8 +166,8 @@ class Plan:
                 raise StationError(f"{one.key} is varied twice; vary each key once.")
         axes.sort(key=lambda a: not a.retraces)
         base = station.replace(sweep=None, dataset=None)
-        if base.segmentation.min_area_mm2 or base.segmentation.threshold != "auto":
-            base = base.replace(segmentation=None)
+        if base.segmentation.threshold != "auto":
+            base = base.replace(segmentation__threshold="auto")
         plan = cls(base, tuple(axes), int(parts), int(samples), int(seeds))
         if plan.designs > DESIGNS_MAX:
             raise StationError(
@@ -332,6 +332,17 @@ def with_part(station: Station, part: int, draw: int = 0) -> Station:
             "populations": tuple(later(one, step) for one in station.populations),
         }
     )
+
+
+def scored_at(station: Station, threshold_dn: float) -> Station:
+    """Return a design's station as its row is scored: at a threshold, pixel by pixel.
+
+    Parameters
+    ----------
+    station : Station
+    threshold_dn : float
+    """
+    return station.replace(segmentation__threshold=threshold_dn, segmentation__min_area_mm2=0.0)
 
 
 def one_level(station: Station) -> None:

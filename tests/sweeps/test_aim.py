@@ -329,3 +329,14 @@ def test_the_picture_of_an_aim_is_legible_and_says_which_way_is_better(cheapest)
     assert "margin, DN; more is better" in texts
     for name in ("peak", "robust", "next three", "front"):
         assert name in texts
+
+
+def test_false_blobs_are_counted_by_the_station_s_own_size_filter(station, opencl, tmp_path):
+    """Whatever the sweep counted pixel by pixel; another filter may be asked for, or none."""
+    own = station.replace(segmentation={"min_area_mm2": 0.05, "threshold": 200.0})
+    run = gpuspec.sweep(own, {"sensor.exposure": [2, 4]}, tmp_path / "run", backend=opencl)
+    for asked, filtered in ((None, 0.05), (0.02, 0.02), (0.0, 0.0)):
+        choice = choose_for(run, Aim("p2"), min_area_mm2=asked, backend=opencl)
+        assert choice.station().segmentation.min_area_mm2 == filtered
+    by_pixel = gpuspec.choose(run).station().segmentation
+    assert (by_pixel.min_area_mm2, by_pixel.threshold != 200.0) == (0.0, True)

@@ -12,7 +12,7 @@ from gpuspec.errors import StationError
 from gpuspec.station.station import Station
 from gpuspec.sweeps.axes import axis
 from gpuspec.sweeps.keeping.folder import differences
-from gpuspec.sweeps.plan import SEED_STEP, Plan, with_part
+from gpuspec.sweeps.plan import SEED_STEP, Plan, scored_at, with_part
 
 
 @pytest.mark.parametrize(
@@ -124,8 +124,11 @@ def test_noise_alone_makes_parts_different(station):
 
 @pytest.mark.parametrize("own", [{"threshold": 80.0}, {"min_area_mm2": 0.1}], ids=str)
 def test_a_plan_leaves_out_the_station_s_own_threshold_and_size_filter(station, own):
+    """The threshold at once, the filter where pixels are scored."""
     plan = Plan.of(station.replace(segmentation=own), GRID)
-    assert plan.station.segmentation == station.segmentation
+    assert plan.station.segmentation.threshold == "auto"
+    scored = scored_at(plan.station, 90.0).segmentation
+    assert (scored.threshold, scored.min_area_mm2) == (90.0, 0.0)
 
 
 @pytest.mark.parametrize(

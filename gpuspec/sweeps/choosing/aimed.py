@@ -171,7 +171,7 @@ def choose_for(
     aim: Aim,
     over: tuple[str, ...] | None = None,
     *,
-    min_area_mm2: float = 0.0,
+    min_area_mm2: float | None = None,
     backend: str | Backend = "auto",
     device: str | None = None,
 ) -> AimChoice:
@@ -187,8 +187,8 @@ def choose_for(
     over : tuple of str, optional
         The two or three measures of the front; None: the goal and the number of images, or the
         margin.
-    min_area_mm2 : float
-        Blobs that are smaller are left out: it is the size filter of the chosen station.
+    min_area_mm2 : float, optional
+        Blobs that are smaller are left out: the size filter of the chosen station; None: its own.
     backend, device
         As for :func:`gpuspec.simulate`.
 
@@ -222,6 +222,8 @@ def choose_for(
         for name, count in counts_of_kinds(table).items():
             all_of[name] = max(all_of.get(name, 0), count)
     # What the table only bounds is taken for as good as it may be, and then looked at.
+    if min_area_mm2 is None:
+        min_area_mm2 = run.plan.station.segmentation.min_area_mm2
     lenient = frozenset(["false_blobs"] if min_area_mm2 else _loose(aim))
     standing, front, weakest, flawless = _read(run, aim, over, all_of, lenient)
     ranked = _ranked(standing, aim, all_of)
@@ -391,8 +393,7 @@ class _Looker:
         """Look at a design with some keys off, once for each of several."""
         station = self.plan.station_of(design)
         rule = {"segmentation.threshold": threshold_dn}
-        if self.min_area_mm2:
-            rule["segmentation.min_area_mm2"] = self.min_area_mm2
+        rule["segmentation.min_area_mm2"] = self.min_area_mm2
         stations = [station.replace(**off, **rule) for off in offs]
         return confirm_all(stations, self.plan.parts, self.backend, self.plan.seeds)
 

@@ -24,7 +24,7 @@ from gpuspec.sweeps.choosing.chosen import Chosen
 from gpuspec.sweeps.choosing.front import COLUMNS, Front, Points
 from gpuspec.sweeps.choosing.scores import rows_of
 from gpuspec.sweeps.keeping.folder import RunFolder
-from gpuspec.sweeps.plan import Plan
+from gpuspec.sweeps.plan import Plan, scored_at
 from gpuspec.sweeps.rule import Rule, f1_of
 
 
@@ -162,7 +162,7 @@ class Choice:
                 "the rule chooses a threshold above which nothing is detected; ask for some P2 "
                 "with --p2-floor, or for hits with --hit-share."
             )
-        return station.replace(**{"segmentation.threshold": best.threshold_dn})
+        return scored_at(station, best.threshold_dn)
 
     @cached_property
     def notes(self) -> list[str]:

@@ -28,7 +28,7 @@ from gpuspec.sweeps.axes import VARY_BETWEEN, bounds, varied
 from gpuspec.sweeps.choosing.measured import Measured, counts_of_kinds
 from gpuspec.sweeps.keeping.folder import differences
 from gpuspec.sweeps.keeping.writing import taken_lock, writes_to
-from gpuspec.sweeps.plan import Plan
+from gpuspec.sweeps.plan import Plan, scored_at
 from gpuspec.sweeps.rule import Rule
 from gpuspec.sweeps.searching.search import Search, Trial, Values, best_of, directions
 from gpuspec.sweeps.trying.bench import notes_of
@@ -102,7 +102,9 @@ class Optimum:
                 "the rule chooses a threshold above which nothing is detected; ask for some P2 "
                 "with --p2-floor, or for hits with --hit-share."
             )
-        return station.replace(**{"segmentation.threshold": best.threshold_dn})
+        if isinstance(self.rule, Aim):
+            return station.replace(**{"segmentation.threshold": best.threshold_dn})
+        return scored_at(station, best.threshold_dn)
 
 
 def plan_of(
