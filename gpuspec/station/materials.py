@@ -109,7 +109,7 @@ def optical_constants(material: str, wavelength_nm: float = WAVELENGTH_NM) -> tu
     rows = sorted([*rows, (WAVELENGTH_NM, *MATERIALS[material])])
     at = bisect_right(rows, (wavelength_nm,))
     (low, n, k), (high, next_n, next_k) = rows[at - 1], rows[at]
-    share = (wavelength_nm - low) / (high - low)
+    share = float((wavelength_nm - low) / (high - low))  # kept for equal numbers of NumPy's, too
     return n + share * (next_n - n), k + share * (next_k - k)
 
 

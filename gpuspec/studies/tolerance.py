@@ -224,8 +224,8 @@ class Tolerance(Outcome):
         blobs = plural(max(one.false_blobs for one in off.seen), "false blob")
         fewest, least = min(s.defects_hit for s in off.scores), int(np.argmin(rooms))
         return (
-            f"Ends and corners of [tolerance] ({halves}) keep all hits and no false blob: "
-            f"{'yes' if off.keeps.all() else 'no'}; at the worst {fewest} of "
+            f"Ends, corners and designs between of [tolerance] ({halves}) keep all hits and no "
+            f"false blob: {'yes' if off.keeps.all() else 'no'}; at the worst {fewest} of "
             f"{self.nominal.defects} defects hit, {blobs}, a margin of {off.margin_dn.min():.2f} "
             f"DN, and {rooms[least]:.2f} DN of room at the held threshold ({off.where(least)})."
         )
