@@ -508,7 +508,8 @@ def test_one_line_says_whether_all_is_kept_within_the_stated_tolerances(off_by):
     assert told["keeps_all"] is (told["room_dn"] >= 0)
     assert off_by.findings()[-1].startswith(
         "Ends, corners and designs between of [tolerance] (tunnel.luminous_mm +- 0.05, "
-        f"tunnel.height_mm +- 1) keep all hits and no false blob: {'yes' if told['keeps_all'] else 'no'}; at the worst "
+        "tunnel.height_mm +- 1) keep all hits and no false blob: "
+        f"{'yes' if told['keeps_all'] else 'no'}; at the worst "
         f"{told['defects_hit']} of 3 defects hit"
     )
 
