@@ -162,6 +162,18 @@ class Aim:
         """
         return [r.short_of(values[r.name], all_of.get(r.name, math.nan)) for r in self.require]
 
+    def spared(self, all_of: Mapping[str, Any]) -> int:
+        """Return how many defects may be missed; 0 where no hits are required.
+
+        Parameters
+        ----------
+        all_of : mapping of str to int
+            How many there are, by ``hits``.
+        """
+        there = int(all_of["hits"])
+        least = [r.value for r in self.require if r.name == "hits" and r.sign != "<="]
+        return there - int(min(max(least), there)) if least else 0
+
     def order(self, values: Mapping[str, Any], all_of: Mapping[str, Any]) -> list[Floats]:
         """Return what is to be high, one after another, of points of any shape.
 

@@ -98,6 +98,11 @@ def measure(name: str) -> Measure:
     """
     if name in MEASURES:
         return MEASURES[name]
+    if name in ("a50", "a90", "a90_95"):
+        raise StationError(
+            f"{name} is fitted to many random parts: gpuspec pod STATION --vary KEY=FROM:TO:COUNT "
+            f"finds the station with the smallest a90/95."
+        )
     close = difflib.get_close_matches(name, MEASURES, n=1, cutoff=0.5)
     hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(MEASURES)}."
     raise StationError(f"there is no {name!r} to choose by; {hint}")

@@ -78,8 +78,8 @@ class Held:
         At this threshold, where nothing is off.
     room_dn : float
         Of the worst within the tolerances: from its threshold to the highest level of what is
-        flawless, or to the faintest defect, whichever is nearer. Below 0: somewhere a defect is
-        missed, or something else is detected.
+        flawless, or to the faintest defect that must be hit, whichever is nearer. Below 0:
+        somewhere one is missed, or something else is detected.
     tried : int
         Neighbours of the grid and corner designs that were looked at.
     """
@@ -273,7 +273,7 @@ def _read(
     standing: list[Standing] = []
     fronts: list[Standing] = []
     for table in run.batches([*COLUMNS]):
-        found = Measured.of(table, wanted)
+        found = Measured.of(table, wanted, aim.spared(all_of))
         if found is None:
             continue
         weakest[found.design], flawless[found.design] = found.weakest, found.flawless
@@ -439,7 +439,7 @@ class _Looker:
         held = threshold_dn if threshold_dn is not None else (low + high) / 2
         off = self.every(design, held, some)
         if off:
-            least, most = held_window(off)
+            least, most = held_window(off, self.aim.spared(self.all_of))
             low, high = max(low, least), min(high, most)
         if threshold_dn is None:
             level = np.floor((low + high) / 2 / step)

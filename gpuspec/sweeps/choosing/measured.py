@@ -39,7 +39,7 @@ class Measured:
         are no more than false pixels, and are none where these are none: they are counted of the
         designs that may be chosen alone.
     weakest, flawless : ndarray of int64, shape (D,)
-        Level of the faintest defect, and the highest of what is flawless.
+        Level of the faintest defect that must be hit, and the highest of what is flawless.
     """
 
     design: NDArray[np.int64]
@@ -49,7 +49,7 @@ class Measured:
     flawless: NDArray[np.int64]
 
     @classmethod
-    def of(cls, table: pa.Table, names: Collection[str]) -> Measured | None:
+    def of(cls, table: pa.Table, names: Collection[str], spared: int = 0) -> Measured | None:
         """Read the valid designs of a table with `COLUMNS`; None if there are none.
 
         Parameters
@@ -57,14 +57,18 @@ class Measured:
         table : pyarrow.Table
         names : collection of str
             Measures that are wanted.
+        spared : int
+            How many defects, the faintest, may be missed.
         """
         table = table.filter(pa.compute.is_valid(table["exact"]))
         if not len(table):
             return None
         false = curves(table, "false_px")
         row, peaks, kinds = _defects(table)
-        weakest = np.full(len(table), LEVELS - 1)
-        np.minimum.at(weakest, row, peaks)
+        count = np.bincount(row, minlength=len(table))
+        rising = peaks[np.lexsort((peaks, row))]
+        at = np.cumsum(count) - count + np.minimum(spared, count - 1)
+        weakest = np.where(count > spared, np.append(rising, 0)[at], LEVELS - 1)
         flawless = (false > 0).sum(axis=1)
         level = np.arange(LEVELS)
         room = np.minimum(level - flawless[:, None], weakest[:, None] - 1 - level)

@@ -43,10 +43,16 @@ class Confirmed:
     parts: tuple[Seen, ...]
     noise_dn: float
 
-    @property
-    def weakest_dn(self) -> float:
-        """Level of the faintest defect of all parts."""
-        return min((min(seen.peaks_dn) for seen in self.parts if seen.peaks_dn), default=math.nan)
+    def faintest_dn(self, spared: int = 0) -> float:
+        """Return the level of the faintest defect of all parts; NaN if there is none.
+
+        Parameters
+        ----------
+        spared : int
+            How many that are fainter do not count.
+        """
+        peaks = sorted(peak for seen in self.parts for peak in seen.peaks_dn)
+        return peaks[spared] if len(peaks) > spared else math.nan
 
     @property
     def flawless_dn(self) -> float:
@@ -66,7 +72,7 @@ class Confirmed:
 
         p1 = float(precision(total("hit_px"), total("false_zone_px")))
         p2 = float(recall(total("hit_px"), total("zone_px")))
-        margin = self.weakest_dn - self.flawless_dn
+        margin = self.faintest_dn() - self.flawless_dn
         peaks, sizes = (
             np.array([value for seen in self.parts for value in getattr(seen, name)])
             for name in ("peaks_dn", "sizes_mm")
@@ -168,12 +174,14 @@ def confirm_all(
     return [found[place] for place in range(len(stations))]
 
 
-def held_window(confirmed: Sequence[Confirmed]) -> tuple[float, float]:
+def held_window(confirmed: Sequence[Confirmed], spared: int = 0) -> tuple[float, float]:
     """Return between which thresholds every defect is hit and nothing else, under all of some.
 
     Parameters
     ----------
     confirmed : sequence of Confirmed
+    spared : int
+        How many defects, the faintest of each, may be missed.
 
     Returns
     -------
@@ -181,4 +189,4 @@ def held_window(confirmed: Sequence[Confirmed]) -> tuple[float, float]:
         DN: highest level of what is flawless, level of the faintest defect; low > high: there is
         none.
     """
-    return max(c.flawless_dn for c in confirmed), min(c.weakest_dn for c in confirmed)
+    return max(c.flawless_dn for c in confirmed), min(c.faintest_dn(spared) for c in confirmed)
