@@ -42,15 +42,12 @@ def profile_seen(u: Array, wide: Array, narrow: Array, tunnel: Tunnel) -> Array:
     found = harmonics(tunnel)
     outer, inner = (wide + narrow) / 2, (wide - narrow) / 2
     total = np.full(u.shape, found[0].real)
+    first = [np.exp(-2j * np.pi * (u + end)) for end in (outer, -outer, inner, -inner)]
+    waves = [np.ones_like(wave) for wave in first]  # of each order, by its powers
     for order, amplitude in enumerate(found[1:], 1):
-        rate = 2 * np.pi * order
-
-        def integrated_twice(at: Array, rate: float = rate) -> Array:
-            wave: Array = -(amplitude * np.exp(-1j * rate * at)).real / rate**2  # noqa: B023
-            return wave
-
-        ends = integrated_twice(u + outer) + integrated_twice(u - outer)
-        ends -= integrated_twice(u + inner) + integrated_twice(u - inner)
-        total += ends / (wide * narrow)
+        waves = [wave * one for wave, one in zip(waves, first, strict=True)]
+        ends = waves[0] + waves[1] - waves[2] - waves[3]
+        integrated_twice = -(amplitude * ends).real / (2 * np.pi * order) ** 2
+        total += integrated_twice / (wide * narrow)
     seen: Array = total.clip(0, 1)
     return seen

@@ -83,6 +83,7 @@ def truth(station: gpuspec.Station) -> dict[str, float]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "seed"), [("stripes", 3), ("sinusoid", 4), ("table", 5)])
 def test_every_number_of_a_random_station_is_found_within_its_uncertainty(kind, seed):
     station = real(seed, kind)
@@ -99,6 +100,7 @@ def test_every_number_of_a_random_station_is_found_within_its_uncertainty(kind, 
     assert found.unknown
 
 
+@pytest.mark.slow
 def test_the_command_writes_the_twin_its_numbers_and_the_smallest_defects(tmp_path, gpuspec_):
     station = real(4, "sinusoid").replace(sensor__exposure=0.9)
     shots = written(tmp_path / "shots", taken(station))

@@ -329,6 +329,7 @@ def limited(size: int) -> Any:
     return limit
 
 
+@pytest.mark.slow
 def test_the_command_makes_goes_on_and_is_refused_in_a_sentence(station, tmp_path):
     (tmp_path / "s.toml").write_text(gpuspec.to_toml(station))
     made = program("dataset", "s.toml", "-n", "3", "-o", "set", "--backend", "numpy", cwd=tmp_path)

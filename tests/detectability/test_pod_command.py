@@ -38,6 +38,7 @@ def written(folder):
     }
 
 
+@pytest.mark.slow
 def test_a_run_that_was_killed_ends_with_the_same_bytes(folder):
     command = ["pod", "small.toml", "--parts", PARTS, "--set", "sensor.noise=true"]
     whole = program(*command, "-o", "whole", cwd=folder)

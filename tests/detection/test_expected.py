@@ -51,6 +51,7 @@ def test_it_is_mean_and_spread_of_the_scores_of_many_draws():
     assert sampled == pytest.approx(spread, rel=0.06)
 
 
+@pytest.mark.slow
 def test_it_is_that_of_sequences_drawn_image_by_image():
     station = gpuspec.example("trim").replace(
         part__length_mm=60.0, part__width_mm=25.0, camera__sampling_mm=0.2, defects=(),

@@ -288,6 +288,7 @@ def test_in_a_frozen_program_the_device_is_tried_in_the_process_itself(forgotten
     assert len(list((forgotten / "devices").iterdir())) == 1
 
 
+@pytest.mark.slow
 def test_vectors_of_every_width_give_the_same_image_within_rounding(opencl):
     tried = OpenCLBackend()
     assert tried.candidates()[-1] == {"widths": dict.fromkeys(opencl_device.FILES, 1)}
@@ -353,6 +354,7 @@ def test_pocl_computes_on_a_cpu_that_its_compiler_does_not_know(tmp_path):
     assert score["score"]["defects_hit"] > 0
 
 
+@pytest.mark.slow
 def test_pocl_computes_on_the_least_cpu_too_if_without_vectors(tmp_path):
     # With vectors its compiler ends the process there: "LLVM ERROR: Cannot select: fsqrt".
     ran = program("demo", *QUICK, cwd=tmp_path, env={**UNKNOWN_CPU, pocl.SWITCH: "x86-64"})

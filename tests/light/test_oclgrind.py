@@ -59,6 +59,7 @@ def looked_at(
     return log.read_text(encoding="utf-8"), done.stderr, set(done.stdout.split())
 
 
+@pytest.mark.slow
 def test_oclgrind_has_nothing_to_report_of_any_kernel(tmp_path):
     report, error, ran = looked_at(tmp_path, "all")
     assert (report, error) == ("", "")
