@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from threading import Event
@@ -14,7 +15,9 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from gpuspec.arrays import BESIDE
+from gpuspec.detectability.laid import Laid
 from gpuspec.detectability.plan import TrialPlan
+from gpuspec.detectability.seen import Ints, Levels, Seen
 from gpuspec.detection.background import robust_sigma
 from gpuspec.detection.connected import connected_pixels
 from gpuspec.detection.inspection import Inspection, inspect
@@ -22,24 +25,19 @@ from gpuspec.errors import StationError
 from gpuspec.light.backend import Backend
 from gpuspec.light.ceiling import ceiling_of, untold
 from gpuspec.light.constants import NO_PIXEL
-from gpuspec.light.levels import Pixels, Zones, thresholds
-from gpuspec.light.light_map import LightMap, in_closed_form
-from gpuspec.light.refined import RefinedLightMap
+from gpuspec.light.levels import Zones, thresholds
+from gpuspec.light.light_map import in_closed_form
 from gpuspec.part.guard import widened
 from gpuspec.part.relief import Relief
 from gpuspec.part.truth import Truth
 from gpuspec.part.view import pixel_position
-from gpuspec.simulation.memory import check_memory
 from gpuspec.station.station import Station
-from gpuspec.sweeps.plan import with_part
 from gpuspec.sweeps.trying.columns import column
 from gpuspec.sweeps.trying.flawless import Flawless
-from gpuspec.sweeps.trying.listing import Listing, crowd, listed
+from gpuspec.sweeps.trying.listing import Listing
 from gpuspec.sweeps.trying.parts import StoppedError
 from gpuspec.version import __version__
 
-Ints = NDArray[np.int64]
-Levels = NDArray[np.float32]
 NOISE_SIGMAS = 3.0
 """Robust deviations of the flawless surface up to which a signal is noise."""
 
@@ -110,7 +108,6 @@ class Held:
         station : Station
         backend : Backend
         """
-        check_memory(station)
         with backend.trace(station) as light_map:
             aspect, lost = light_map.counted(), light_map.lost()
         on_part, lit = lost != BESIDE, lost == 0
@@ -158,30 +155,38 @@ class TrialBench:
             If the device fails.
         """
         found = []
-        for number in designs:
-            if self.stopped.is_set():
-                raise StoppedError
-            station, part = divmod(number, self.plan.parts)
-            try:
-                row = self._tried(station, part)
-            except StationError as error:
-                row = {"reason": str(error)}
-            found.append({"design": number, **row})
+        with ThreadPoolExecutor(1, "gpuspec-pod") as ahead:
+            begun = ahead.submit(self._laid, designs[0])
+            for number, following in zip(designs, (*designs[1:], None), strict=True):
+                if self.stopped.is_set():
+                    raise StoppedError
+                laid = begun
+                if following is not None:
+                    begun = ahead.submit(self._laid, following)
+                try:
+                    row = self._tried(laid.result())
+                except StationError as error:
+                    row = {"reason": str(error)}
+                found.append({"design": number, **row})
         return _table(found)
 
-    def _tried(self, number: int, part: int) -> dict[str, Any]:
-        first, held = self._station(number), self._held(number)
-        station, threshold = with_part(first, part), held.inspection.threshold
-        relief = Relief.of(station)
-        truth = Truth.of(station, relief)
-        listing = listed(station, relief, truth, self.plan.plan.samples, part)
+    def _laid(self, design: int) -> Laid:
+        """Lay out a part, which needs no device: meanwhile that traces the one before."""
+        number, part = divmod(design, self.plan.parts)
+        return Laid.of(number, self._station(number), part, self.plan.plan.samples)
+
+    def _tried(self, laid: Laid) -> dict[str, Any]:
+        number, part, station, relief = laid.number, laid.part, laid.station, laid.relief
+        truth, listing, held = laid.truth, laid.listing, self._held(laid.number)
+        threshold = held.inspection.threshold
         seen = Seen.listed(station, relief, listing, self.backend)
         least = math.ceil(
             station.segmentation.min_area_mm2 / station.camera.sampling_mm**2 - 1e-9
         )  # fmt: skip
         owner = truth.labels.ravel()
         itself = np.sort(listing.itself).astype(np.int64)
-        blob = _blobs(seen, itself, threshold, station.shape[1], max(least, 1))
+        levels = seen.at(itself)
+        blob = _blobs(levels, itself, threshold, station.shape[1], max(least, 1))
         inside = owner[itself]
         count = np.bincount(blob)
         true = np.bincount(blob, inside != 0, len(count)) > 0
@@ -189,9 +194,8 @@ class TrialBench:
         hit[inside[blob > 0]] = True
         rest = held.on_part - len(itself)
         if part:
-            drawn, false = len(listing.chosen), self._sampled(
-                station, relief, owner, listing, itself, seen, threshold, max(least, 1)
-            )  # fmt: skip
+            drawn = len(listing.chosen)
+            false = self._sampled(laid, itself, seen, threshold, max(least, 1))
         else:
             labels = held.inspection.labels.ravel()
             there = np.zeros(labels.max(initial=0) + 1, bool)
@@ -206,22 +210,20 @@ class TrialBench:
             "drawn": drawn,
             "drawn_false": false,
             "rest_px": rest,
-            "clear": self._clear(number, crowd(relief, station)),
-            **_trials(station, truth, seen, itself, inside, hit, held.inspection.flawless_dn),
+            "clear": self._clear(number, laid.crowded),
+            **_trials(station, truth, levels, inside, hit, held.inspection.flawless_dn),
             **self.backend.info.as_dict(),
             "gpuspec": __version__,
         }
 
-    def _sampled(
-        self, station: Station, relief: Relief, owner: NDArray[np.int32], listing: Listing,
-        itself: Ints, seen: Seen, threshold: float, least: int,
-    ) -> float:  # fmt: skip
+    def _sampled(self, laid: Laid, itself: Ints, seen: Seen, threshold: float, least: int) -> float:
         """Return how many false blobs the drawn pixels are of, each a share of its blob's pixels.
 
         Over all pixels these shares add up to the number of blobs; a blob that reaches what stands
         for itself is counted there. Of a blob that reaches beyond the window the share is too
         large: the number may be too high then, but not too low.
         """
+        station, owner, listing = laid.station, laid.truth.labels.ravel(), laid.listing
         chosen = np.sort(listing.pixels[listing.chosen]).astype(np.int64)
         above = chosen[seen.at(chosen) > threshold]
         if not len(above):
@@ -230,8 +232,8 @@ class TrialBench:
         around = some
         for _ in range(WINDOW_PX):
             around = widened(around, station.shape)
-        near = Seen.of(station, relief, around.astype(np.uint32), self.backend)
-        blob = _blobs(near, around, threshold, station.shape[1], least)
+        near = Seen.of(station, laid.relief, around.astype(np.uint32), self.backend)
+        blob = _blobs(near.levels, around, threshold, station.shape[1], least)
         size = np.bincount(blob)
         size[np.unique(blob[(owner[around] != 0) | np.isin(around, itself)])] = 0
         size[0] = 0
@@ -268,78 +270,6 @@ class TrialBench:
         return bool(thresholds(full)[levels.ceiling[0]] <= threshold)
 
 
-@dataclass(frozen=True)
-class Seen:
-    """Grey levels of a list of pixels.
-
-    Attributes
-    ----------
-    pixels : ndarray of int64, shape (n,)
-        Flat indices into the image, ascending.
-    levels : ndarray of float32, shape (n,)
-        DN; -inf beside the part, where nothing is detected.
-    """
-
-    pixels: Ints
-    levels: Levels
-
-    @classmethod
-    def listed(cls, station: Station, relief: Relief, listing: Listing, backend: Backend) -> Seen:
-        """Trace a list, which holds the neighbours that tell which pixels need sub-rays.
-
-        Parameters
-        ----------
-        station : Station
-        relief : Relief
-            Of the part.
-        listing : Listing
-        backend : Backend
-        """
-        if listing.refinable is None:
-            return cls.of(station, relief, listing.pixels, backend)
-        return cls._of(
-            RefinedLightMap(
-                station, lambda of, some: backend.traced(of, relief, some), listing.pixels,
-                listing.refinable.sides,
-            ),
-            listing.pixels[: listing.refinable.end],
-        )  # fmt: skip
-
-    @classmethod
-    def of(cls, station: Station, relief: Relief, pixels: Pixels, backend: Backend) -> Seen:
-        """Trace some pixels.
-
-        Parameters
-        ----------
-        station : Station
-        relief : Relief
-            Of the part.
-        pixels : ndarray of uint32, shape (n,)
-            None twice; ``NO_PIXEL`` is none.
-        backend : Backend
-        """
-        return cls._of(backend.trace(station, relief, pixels), pixels)
-
-    @classmethod
-    def _of(cls, traced: LightMap, pixels: Pixels) -> Seen:
-        """Take the levels of the first pixels of a list."""
-        with traced as light_map:
-            levels = light_map.counted()[0, : len(pixels)]
-            lost = light_map.lost()[0, : len(pixels)]
-        order = np.argsort(pixels, kind="stable")[: np.count_nonzero(pixels != NO_PIXEL)]
-        levels = np.where(lost != BESIDE, levels, np.float32(-np.inf))
-        return cls(pixels[order].astype(np.int64), levels[order])
-
-    def at(self, pixels: Ints) -> Levels:
-        """Return the levels of some of the pixels.
-
-        Parameters
-        ----------
-        pixels : ndarray of int64, shape (k,)
-        """
-        return self.levels[np.searchsorted(self.pixels, pixels)]
-
-
 def bench_of(plan: str, backend: Backend) -> TrialBench:
     """Return the bench of a plan.
 
@@ -352,21 +282,21 @@ def bench_of(plan: str, backend: Backend) -> TrialBench:
     return TrialBench(TrialPlan.from_message(plan), backend)
 
 
-def _blobs(seen: Seen, pixels: Ints, threshold: float, columns: int, least: int) -> Ints:
+def _blobs(levels: Levels, pixels: Ints, threshold: float, columns: int, least: int) -> Ints:
     """Return the number of the blob of each of some pixels, ascending; 0: of none."""
-    above = np.flatnonzero(seen.at(pixels) > threshold)
+    above = np.flatnonzero(levels > threshold)
     found = np.zeros(len(pixels), np.int64)
     found[above] = connected_pixels(pixels[above], columns, least)
     return found
 
 
 def _trials(
-    station: Station, truth: Truth, seen: Seen, itself: Ints, inside: NDArray[np.int32],
+    station: Station, truth: Truth, levels: Levels, inside: NDArray[np.int32],
     hit: NDArray[np.bool_], flawless: float,
 ) -> dict[str, Any]:  # fmt: skip
     """Return the trials: the defects of the populations whose centre is in the image."""
     peak = np.full(len(truth.defects) + 1, -np.inf, np.float32)
-    np.maximum.at(peak, inside, seen.at(itself))
+    np.maximum.at(peak, inside, levels)
     zone = np.bincount(inside, minlength=len(peak))
     # The station's own defects come first; zones of measured relief after all that are placed.
     placed = range(len(station.defects), len(truth.defects))

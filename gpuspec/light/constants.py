@@ -37,13 +37,16 @@ LEVELS = 256
 """Levels of an aspect image: how many of as many thresholds a pixel is above."""
 
 LINE = 4096
-"""Pixels of a list side by side in a row of the device; a power of two."""
+"""Pixels of a long list side by side in a row of the device; a power of two."""
+
+LINE_SHORT = 512
+"""The same of a list of fewer than 8 such rows: the cores of a CPU share its rows."""
+
+LINE_MIN = 64
+"""The same of still shorter ones, rounded up to a power of two, at least."""
 
 STRIP_VECTORS, STRIP_ROWS = 32, 32
 """What a work-item looks at to find where sub-rays are needed: vectors of a row, and rows."""
-
-LINE_MIN = 64
-"""The same of short lists, rounded up to a power of two, at least."""
 
 NO_PIXEL = 0xFFFFFFFF
 """In a list of pixels: none."""

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.part.guard import widened
+from gpuspec.part.spans import pixels_of
 from gpuspec.station.sections import Camera
 
 Ints = NDArray[np.int64]
@@ -113,7 +114,7 @@ class Neighbourhood:
         self.pixels = widened(around, shape)
         self._near = _neighbours(around, self.pixels, shape)
         self._spread = _neighbours(own, around, shape)
-        self._own = self._near[self._spread[:, 1, 1], 1, 1]
+        self._own = self._near[1, 1, self._spread[1, 1]]
         self._inner = [
             ((axis > 0) & (axis < size - 1))[:, None]
             for axis, size in zip(np.divmod(around, shape[1]), shape, strict=True)
@@ -131,20 +132,31 @@ class Neighbourhood:
         bend : float
             See :func:`bend_of`.
         """
-        change = _changes(light[self._near], wide[self._near], *self._inner).ravel()
-        return _sides(change[self._spread].max(axis=(1, 2), initial=0), wide[self._own], bend)
+        near = [np.moveaxis(plane[self._near], -1, 0) for plane in (light, wide)]
+        change = _changes(near[0], near[1], *self._inner).ravel()
+        return _sides(change[self._spread].max(axis=(0, 1), initial=0), wide[self._own], bend)
 
 
 def _neighbours(pixels: Ints, among: Ints, shape: tuple[int, int]) -> Ints:
-    """Return where the 3 x 3 around each pixel, on the border the nearest, stand among others."""
+    """Return where the 3 x 3 around each pixel, on the border the nearest, stand among others.
+
+    Among these are all neighbours, so that runs of a row are as long there: their first pixels
+    alone are looked for.
+
+    Returns
+    -------
+    ndarray of int64, shape (3, 3, n)
+    """
     rows, columns = shape
     row, column = np.divmod(pixels, columns)
-    found = np.empty((len(pixels), 3, 3), np.int64)
-    for step in (-1, 0, 1):
-        middle = np.searchsorted(among, np.clip(row + step, 0, rows - 1) * columns + column)
-        found[:, step + 1, 0] = middle - (column > 0)
-        found[:, step + 1, 1] = middle
-        found[:, step + 1, 2] = middle + (column < columns - 1)
+    begin = np.flatnonzero((np.diff(pixels, prepend=-2) != 1) | (column == 0))
+    length = np.diff(begin, append=len(pixels))
+    found = np.empty((3, 3, len(pixels)), np.int64)
+    for step, line in zip((-1, 0, 1), found, strict=True):
+        first = np.clip(row[begin] + step, 0, rows - 1) * columns + column[begin]
+        line[1] = pixels_of(np.searchsorted(among, first), length)
+        line[0] = line[1] - (column > 0)
+        line[2] = line[1] + (column < columns - 1)
     return found
 
 

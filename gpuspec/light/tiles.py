@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gpuspec.arrays import Image
 from gpuspec.errors import BackendError, PatternError
-from gpuspec.light.constants import LINE, LINE_MIN, NO_PIXEL
+from gpuspec.light.constants import LINE, LINE_MIN, LINE_SHORT, NO_PIXEL
 from gpuspec.light.levels import Pixels
 from gpuspec.light.light_map import FUSIONS, PLANES, LightMap, LightMapArrays, check_list
 from gpuspec.light.patterns import Pattern
@@ -82,7 +82,8 @@ class TiledLightMap(LightMap, Generic[Tile]):
         if pixels is not None:
             check_list(pixels, station)
             # Few lengths of rows: a driver may compile anew for each.
-            columns = min(max(1 << (len(pixels) - 1).bit_length(), LINE_MIN), LINE)
+            line = LINE if len(pixels) >= 8 * LINE else LINE_SHORT
+            columns = min(max(1 << (len(pixels) - 1).bit_length(), LINE_MIN), line)
             rows = -(-max(len(pixels), 1) // columns)
         self.grid = rows, columns
 

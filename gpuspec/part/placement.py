@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.errors import StationError
+from gpuspec.part.spans import pixels_of
 from gpuspec.station.defects import (
     Defect,
     Distribution,
@@ -34,7 +35,8 @@ _IDLE_ROUNDS = 30
 _TRIALS = 100
 # Equal disks dropped at random on a plane without overlap never cover more (Feder's jamming limit).
 _JAMMING = 0.547
-_PAIRS_ALL = 200_000  # of disks, all looked at in 4 ms; a tree is slow to import
+_PAIRS_ALL = 200_000  # of disks one above the other, all looked at in 4 ms; a tree's import is slow
+_TOGETHER = 1024  # of disks, not worth a search of their own by size
 _FEW = 100  # so few may be large beside the part and cover more
 
 
@@ -257,8 +259,11 @@ class _Chains:
     def by_size(self) -> list[_Chains]:
         """Return the disks apart by size, each up to twice as large as the one before.
 
-        Among small disks alone the search for neighbours need not reach as far as a large one.
+        Among small disks alone the search for neighbours need not reach as far as a large one. Few
+        disks stay together.
         """
+        if len(self.radius) <= _TOGETHER:
+            return [self]
         octave = np.floor(np.log2(self.radius))
         return [
             _Chains(self.centre[of], self.radius[of], self.owner[of])
@@ -274,15 +279,19 @@ class _Chains:
 
     def touching(self, other: _Chains, spacing: float) -> tuple[Owners, Owners]:
         """Owners here and there whose disks touch, or are nearer than the spacing."""
-        if len(self.centre) * len(other.centre) <= _PAIRS_ALL:
-            (x, y), (u, v) = self.centre.T[:, :, None], other.centre.T
-            near = self.radius[:, None] + other.radius + spacing
-            here, there = np.nonzero(np.sqrt((x - u) ** 2 + (y - v) ** 2) < near)
-            return self.owner[here], other.owner[there]
-        reach = self.radius.max() + other.radius.max() + spacing
-        pairs = self.tree.sparse_distance_matrix(other.tree, reach, output_type="ndarray")
-        touch = pairs["v"] < self.radius[pairs["i"]] + other.radius[pairs["j"]] + spacing
-        return self.owner[pairs["i"][touch]], other.owner[pairs["j"][touch]]
+        reach = self.radius.max(initial=0) + other.radius.max(initial=0) + spacing
+        order = np.argsort(other.centre[:, 0])
+        across = other.centre[order, 0]
+        low = np.searchsorted(across, self.centre[:, 0] - reach)
+        count = np.searchsorted(across, self.centre[:, 0] + reach, "right") - low
+        if count.sum() <= _PAIRS_ALL:
+            here, there = np.repeat(np.arange(len(count)), count), order[pixels_of(low, count)]
+            away = np.sqrt(((self.centre[here] - other.centre[there]) ** 2).sum(axis=1))
+        else:
+            pairs = self.tree.sparse_distance_matrix(other.tree, reach, output_type="ndarray")
+            here, there, away = pairs["i"], pairs["j"], pairs["v"]
+        touch = away < self.radius[here] + other.radius[there] + spacing
+        return self.owner[here[touch]], other.owner[there[touch]]
 
     def clear_of(self, taken: list[_Chains], spacing: float) -> NDArray[np.bool_]:
         """Owners that touch neither a taken zone nor one of their own of lower number."""

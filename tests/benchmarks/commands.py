@@ -21,6 +21,11 @@ from typing import Any
 
 OWN = str(Path(__file__).parents[2])
 QUIET: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+TRIALS = ["--kind", "dent", "--set", "populations[1].depth_um=[0.1,2]", "--parts", "640"]
+IMAGES = ["-n", "200", "--set", "part.length_mm=100", "--set", "camera.sampling_mm=0.07"]
+IMAGES += ["--set", "defects=none", "-o", "learn"]
+TWO = ["--workers", "2"]
+NOISE = ["--set", "sensor.noise=true"]
 SAVES = 8
 STARTS = 5
 PATTERN = """float pattern(float light, float across, float shift, float footprint) {
@@ -72,7 +77,6 @@ def until(there: Callable[[], bool], process: subprocess.Popen[bytes]) -> None:
 def watching(stack: ExitStack, around: dict[str, str], folder: Path) -> Callable[[int], float]:
     """Start `prototype --watch`; what is returned saves the pattern and waits for the picture."""
     pattern, picture = folder / "mine.glsl", folder / "watch" / "detection.png"
-    measured(["init", "t.toml"], around, str(folder))
     pattern.write_text(PATTERN)
     arguments = ["prototype", "t.toml", "--pattern", "mine.glsl", "--watch"]
     process = stack.enter_context(running([*arguments, "--backend", "opengl"], around, folder))
@@ -104,6 +108,8 @@ def main() -> None:
     folders = [Path(tempfile.mkdtemp()) for _ in checkouts]
     around = [environment(c, str(f / "cache")) for c, f in zip(checkouts, folders, strict=True)]
     both = list(zip(around, folders, strict=True))
+    for one, folder in both:
+        measured(["init", "t.toml"], one, str(folder))
     print(f"{'':38}" + "".join(f"{Path(c).name[:10]:>11}{'MB':>7}" for c in checkouts))
     for name, times, arguments in (
         ("gpuspec --help", STARTS, ["--help"]),
@@ -111,7 +117,11 @@ def main() -> None:
         ("gpuspec demo, warm", STARTS, ["demo"]),
         ("the same without pictures", 3, ["demo", "--no-pictures"]),
         ("the same with --frames", 1, ["demo", "--frames"]),
-        ("the same with noise", 1, ["demo", "--set", "sensor.noise=true"]),
+        ("the same with noise", 1, ["demo", *NOISE]),
+        ("pod, 10,240 trials", 1, ["pod", "t.toml", "-o", "one", *TRIALS]),
+        ("the same with noise", 1, ["pod", "t.toml", "-o", "noisy", *TRIALS, *NOISE]),
+        ("the same by 2 workers", 1, ["pod", "t.toml", "-o", "two", *TRIALS, *NOISE, *TWO]),
+        ("dataset, 200 images of 1 megapixel", 1, ["dataset", "t.toml", *IMAGES, *NOISE]),
     ):
         runs = [[measured(arguments, a, str(f)) for a, f in both] for _ in range(times)]
         least = [min(of) for of in zip(*runs, strict=True)]

@@ -12,6 +12,7 @@ from scipy import stats
 from tolerances import DRAWN_FROM, PLACED_MM
 
 from gpuspec.errors import StationError
+from gpuspec.part import placement
 from gpuspec.part.placement import asked_for, draw, place
 from gpuspec.station.defects import Distribution, Scratch
 from gpuspec.station.station import Station
@@ -252,3 +253,12 @@ def test_ten_thousand_small_dents_fit_on_the_default_part_and_it_is_told():
         gap = np.hypot(*(centre - centre[nth]).T) - radius - radius[nth]
         gap[nth] = np.inf
         assert gap.min() >= -PLACED_MM
+
+
+@pytest.mark.parametrize("limits", [{"_PAIRS_ALL": 0}, {"_TOGETHER": 0}, {"_TOGETHER": 10**6}])
+def test_how_neighbours_are_looked_for_changes_no_part(monkeypatch, limits: dict[str, int]) -> None:
+    part = station(DENTS, BUMPS, SCRATCHES)
+    placed = place(part)
+    for name, limit in limits.items():
+        monkeypatch.setattr(placement, name, limit)
+    assert place(part) == placed
