@@ -67,6 +67,10 @@ def pod(
         float | None,
         typer.Option("--false-calls", min=0, help="Of --vary: at most so many per part."),
     ] = None,
+    tolerance: Annotated[
+        bool,
+        typer.Option("--tolerance", help="Find the worst within the station's [tolerance], too."),
+    ] = False,
     threshold: Annotated[
         float | None, typer.Option("--threshold", help="Of the signals in files.")
     ] = None,
@@ -98,6 +102,8 @@ def pod(
         raise StationError("--set changes a station; name a station file, too.")
     if station is None and vary:
         raise StationError("--vary varies a station; name a station file, too.")
+    if station is None and tolerance:
+        raise StationError("--tolerance is of a station; name a station file, too.")
     if station is None and over:
         raise StationError("--over maps a station's defects; name a station file, too.")
     described = changed(Station.read(station), change) if station else None
@@ -116,6 +122,7 @@ def pod(
     from gpuspec.detectability.fits import MODELS
     from gpuspec.detectability.plan import TrialPlan
     from gpuspec.detectability.sizes import both, chosen
+    from gpuspec.detectability.worst import tolerances_of
     from gpuspec.errors import TrialsError
     from gpuspec.sweeps.axes import vary_options
 
@@ -126,6 +133,8 @@ def pod(
         chosen(described, size or "slope", kind or ())
     if model not in MODELS:
         raise TrialsError(f"there is no model {model!r}; choose one of {', '.join(MODELS)}.")
+    if tolerance:
+        tolerances_of(described)
     several = vary_options(vary) if vary else None
     plan = TrialPlan.of(described, parts, several)
     results.check()
@@ -133,7 +142,8 @@ def pod(
         with counted(plan.designs) as tell:
             found = find(
                 described, parts=parts, folder=output, crew=crew, progress=tell, vary=several,
-                false_calls=false_calls, **asked
+                false_calls=false_calls, tolerance=tolerance, backend=backend, device=device,
+                **asked
             )  # fmt: skip
         with results.writing() as partial:
             found.write_files(partial)

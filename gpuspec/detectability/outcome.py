@@ -65,6 +65,43 @@ class Tried:
     reason: str = ""
 
 
+@dataclass(frozen=True)
+class Worst:
+    """The worst of a station's designs within its tolerances, the threshold held.
+
+    Attributes
+    ----------
+    off : dict of str to float or int
+        What its keys are there.
+    rank : float
+        Its a90/95; infinite: it has none.
+    tried : int
+        How many designs were.
+    reason : str
+        Why it has none, or what its curve says of itself.
+    """
+
+    off: dict[str, float | int]
+    rank: float
+    tried: int
+    reason: str = ""
+
+    def said(self, unit: str) -> str:
+        """Return it as a sentence.
+
+        Parameters
+        ----------
+        unit : str
+            Of the size.
+        """
+        where = ", ".join(f"{key} = {number(value)}" for key, value in self.off.items())
+        told = f"at most {self.rank:.3g} {unit}" if math.isfinite(self.rank) else "not known"
+        return (
+            f"within the tolerances, the threshold held: a90/95 is {told} in {self.tried} designs, "
+            f"the worst at {where}"
+        )
+
+
 @dataclass(frozen=True, repr=False)
 class Pod:
     """Probability of detection over a size.
@@ -89,6 +126,8 @@ class Pod:
     notes : tuple of str
     stations : tuple of Tried
         Of which the station has the smallest a90/95; none: it is the only one.
+    worst : Worst or None
+        Within the station's tolerances, where that was asked for.
     map : SizeMap or None
         The a90 of the size at each of a second one, where one was asked for.
     """
@@ -106,6 +145,7 @@ class Pod:
     info: DeviceInfo | None = None
     notes: tuple[str, ...] = field(default=(), kw_only=True)
     stations: tuple[Tried, ...] = field(default=(), kw_only=True)
+    worst: Worst | None = field(default=None, kw_only=True)
     map: SizeMap | None = field(default=None, kw_only=True)
 
     def __repr__(self) -> str:
@@ -150,6 +190,8 @@ class Pod:
                 f"{found.hit.sum():,} hits above {self.threshold_dn:.5g} DN"
             )
             said.append(f"hits: {found.said}")
+        if self.worst is not None:
+            said.append(self.worst.said(self.unit))
         if self.map is not None:
             said.append(self.map.said)
         if self.signals is not None and self.signals.line is not None:
@@ -167,6 +209,11 @@ class Pod:
         """Say where a model does not apply and what would settle it, a sentence each."""
         return (
             tuple(f"{one.name}: {text}" for one in self.curves for text in one.verdict.said)
+            + (
+                (f"within the tolerances: {self.worst.reason}",)
+                if self.worst and math.isinf(self.worst.rank)
+                else ()
+            )
             + tuple(f"map: {text}" for text in (self.map.notes if self.map else ()))
             + self.notes
         )
@@ -191,6 +238,10 @@ class Pod:
                 "per_part": calls.per_part, "at_most": calls.bound,
                 "near_defects": int(calls.near.sum()), "pixels_drawn": calls.drawn,
                 "of_these": calls.drawn_false, "certain": calls.clear,
+            },
+            "within_tolerance": self.worst and {
+                "a90_95": self.worst.rank if math.isfinite(self.worst.rank) else None,
+                "at": self.worst.off, "designs": self.worst.tried,
             },
             "map": self.map and self.map.numbers(),
             "findings": list(self.findings()),

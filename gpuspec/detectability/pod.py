@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -10,10 +11,8 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
-from gpuspec.detectability.bench import TRIALS, TrialBench
-from gpuspec.detectability.false_calls import FalseCalls
+from gpuspec.detectability.bench import TrialBench
 from gpuspec.detectability.fitted import Fitted, fitted_hits, fitted_signals
 from gpuspec.detectability.folder import TrialsFolder
 from gpuspec.detectability.mapped import SizeMap
@@ -21,20 +20,14 @@ from gpuspec.detectability.measured import read_trials
 from gpuspec.detectability.outcome import Pod, Tried
 from gpuspec.detectability.plan import PARTS, TrialPlan
 from gpuspec.detectability.sizes import SIZES, Size, both, chosen
+from gpuspec.detectability.telling import Progress, told, tried
+from gpuspec.detectability.worst import HELD, Tell, tolerances_of, with_worst
 from gpuspec.errors import StationError, TrialsError
 from gpuspec.files import folder_of
-from gpuspec.light.backend import Backend, DeviceInfo
+from gpuspec.light.backend import Backend
 from gpuspec.light.devices import open_backend
 from gpuspec.station.station import Station
-from gpuspec.sweeps.crew import Alone, Crew, Task
-
-SATURATED = 0.9
-"""Share of the way from the flawless level to full scale from which on a signal is saturated: in
-some images every pixel is dark, so that none comes to full scale."""
-
-Floats = NDArray[np.float64]
-Progress = Callable[[str, int, int], None]
-"""Told what is being done, how many parts are done, and of how many."""
+from gpuspec.sweeps.crew import Alone, Crew
 
 
 def pod(
@@ -48,6 +41,7 @@ def pod(
     model: str = "auto",
     vary: Mapping[str, Any] | None = None,
     false_calls: float | None = None,
+    tolerance: bool = False,
     threshold: float | None = None,
     noise: float | None = None,
     saturation: float | None = None,
@@ -85,6 +79,10 @@ def pod(
         same parts, and what is returned is of the one with the smallest a90/95.
     false_calls : float, optional
         Of `vary`: at most so many per part, by their upper bound; None: any number.
+    tolerance : bool
+        Whether the largest a90/95 within the station's ``[tolerance]`` is found, the threshold
+        held. Of `vary` the few stations with the smallest a90/95 are so tried, and the one of the
+        smallest worst is returned.
     threshold, noise, saturation : float, optional
         Of the signals in files.
     folder : str or Path, optional
@@ -103,7 +101,8 @@ def pod(
     Raises
     ------
     StationError
-        If the station has no random defects of different sizes, or takes whole images to inspect.
+        If the station has no random defects of different sizes, takes whole images to inspect, or
+        states no tolerances where they are asked for.
     TrialsError
         If trials cannot be read, or tell of no curve.
     OutputError
@@ -132,6 +131,8 @@ def pod(
     if station is None:
         return Pod(first.name if first else "x", unit, None, None, measured)
     plan = TrialPlan.of(Station.of(station), parts, vary)
+    if tolerance:
+        tolerances_of(plan.plan.station)
     assert first is not None
     second = None
     if over is None:
@@ -144,71 +145,37 @@ def pod(
             kept = stack.enter_context(TrialsFolder.writing(folder_of(folder), plan))
         workers = crew or Alone(TrialBench(plan, open_backend(backend, device)))
         table = tried(plan, workers, kept, progress or (lambda *_: None))
+
+    def tell(one: Station, rows: pa.Table) -> Pod:
+        return told(one, rows, first, wanted, model, measured)
+
     if plan.plan.axes:
-        found = smallest(plan, table, first, wanted, model, measured, false_calls)
+        few = smallest(plan, table, tell, false_calls, HELD if tolerance else 1)
     else:
-        found = told(plan.plan.station, table, first, wanted, model, measured)
-    return found if second is None else _mapped(found, first, second, model)
-
-
-def tried(
-    plan: TrialPlan, crew: Crew, kept: TrialsFolder | None, tell: Progress
-) -> pa.Table:  # fmt: skip
-    """Try all parts that are not kept yet.
-
-    Parameters
-    ----------
-    plan : TrialPlan
-    crew : Crew
-    kept : TrialsFolder or None
-        Open to write; None: nothing is kept.
-    tell : callable
-        See :func:`pod`.
-
-    Returns
-    -------
-    pyarrow.Table
-        A row for each part.
-    """
-    size = TrialsFolder.rows_per_file
-    files: Iterable[int] = range(-(-plan.designs // size))
-    found: list[pa.Table] = []
-    done = 0
-    if kept is not None:
-        kept.repair()
-        files, done = kept.missing(), kept.there()
-    tasks = (
-        Task(n, tuple(range(n * size, min((n + 1) * size, plan.designs))), sampled=True)
-        for n in files
-    )
-    tell("parts", done, plan.designs)
-    for task, table in crew.done(tasks):
-        if kept is None:
-            found.append(table)
-        else:
-            kept.write(task.file, table)
-        done += len(table)
-        tell("parts", done, plan.designs)
-    if kept is None:
-        return pa.concat_tables(found).sort_by("design")
-    kept.seal()
-    return pa.concat_tables(list(kept.batches()))
+        few = [tell(plan.plan.station, table)]
+    if tolerance:
+        engine = open_backend(backend, device)
+        few = [with_worst(one, engine, tell, progress) for one in few]
+        few.sort(key=lambda one: one.worst.rank if one.worst else math.inf)
+    return few[0] if second is None else _mapped(few[0], first, second, model)
 
 
 def smallest(
-    plan: TrialPlan, table: pa.Table, size: Size, kinds: Sequence[str], model: str = "auto",
-    measured: tuple[Fitted, ...] = (), false_calls: float | None = None,
-) -> Pod:  # fmt: skip
-    """Return what the parts of the station with the smallest a90/95 tell.
+    plan: TrialPlan, table: pa.Table, tell: Tell, false_calls: float | None = None, count: int = 1
+) -> list[Pod]:
+    """Return what the parts of the stations with the smallest a90/95 tell, the smallest first.
 
     Parameters
     ----------
     plan : TrialPlan
         Of several stations.
-    table, size, kinds, model, measured
-        As of :func:`told`.
+    table : pyarrow.Table
+        A row for each part of each.
+    tell : callable
     false_calls : float, optional
         See :func:`pod`.
+    count : int
+        How many stations, at most.
 
     Raises
     ------
@@ -216,15 +183,12 @@ def smallest(
         If no station has an a90/95 that applies, with so few false calls: the first reason.
     """
     stations: list[Tried] = []
-    best: tuple[float, Pod] | None = None
-    alike = 0
+    best: list[tuple[float, int, Pod]] = []
+    ranks: list[float] = []
     for one in range(plan.plan.designs):
         values = plan.plan.values(one)
         try:
-            station = plan.plan.station_of(one)
-            found = told(
-                station, table.slice(one * plan.parts, plan.parts), size, kinds, model, measured
-            )
+            found = tell(plan.plan.station_of(one), table.slice(one * plan.parts, plan.parts))
         except (StationError, TrialsError) as error:
             none = dict.fromkeys(("a50", "a90", "a90_95"))
             stations.append(Tried(values, none, reason=str(error)))
@@ -237,98 +201,24 @@ def smallest(
             reason = " ".join(found.simulated.verdict.said) or "there is no a90/95."
         elif false_calls is not None and calls.bound > false_calls:
             reason = f"up to {calls.bound:.3g} false calls per part, more than {false_calls:g}."
-        elif best is None or rank < best[0]:
-            best = rank, found
-            alike = 1
-        elif rank == best[0]:
-            alike += 1
+        else:
+            ranks.append(rank)
+            best = sorted([*best, (rank, one, found)], key=lambda each: each[:2])[:count]
         stations.append(Tried(values, sizes, applies, calls.per_part, calls.bound, reason))
-    if best is None:
+    if not best:
         raise TrialsError(
             f"none of {len(stations):,} stations has an a90/95 to choose by, e.g.: "
             f"{stations[0].reason}"
         )
-    notes = best[1].notes
-    if alike > 1:
-        notes += (
-            f"{alike} stations have the same a90/95 or find every trial, and the first of them is "
-            f"shown; smaller defects would tell them apart.",
-        )
-    return replace(best[1], stations=tuple(stations), notes=notes)
-
-
-def told(
-    station: Station, table: pa.Table, size: Size, kinds: Sequence[str], model: str = "auto",
-    measured: tuple[Fitted, ...] = (),
-) -> Pod:  # fmt: skip
-    """Return what the parts of one station tell.
-
-    Parameters
-    ----------
-    station : Station
-    table : pyarrow.Table
-        Its rows.
-    size : Size
-    kinds : sequence of str
-        Of the defects that are trials.
-    model : str
-        See :func:`pod`.
-    measured : tuple of Fitted
-        To stand beside.
-
-    Raises
-    ------
-    StationError
-        If a part was none, or no defect was in view.
-    TrialsError
-        If the trials tell of no curve.
-    """
-    reasons = table["reason"].drop_null()
-    if len(reasons):
-        raise StationError(f"{len(reasons)} of {len(table)} parts are none, e.g.: {reasons[0]}")
-    every = trials_of(table)
-    some = every.filter(pa.array(np.isin(every["kind"].to_pylist(), kinds)))
-    if not len(some):
-        raise StationError(
-            f"{station.file}: no defect is in the image; check camera.columns, camera.rows."
-        )
-    own = size.of(some["size_mm"].to_numpy(), some["depth_um"].to_numpy())
-    first = table.slice(0, 1).to_pylist()[0]
-    hits = fitted_hits("hits", own, np.array(some["hit"].to_pylist(), bool), size.unit, model)
-    signals, notes = None, []
-    flawless, full = first["flawless_dn"], first["full_dn"]
-    try:
-        signals = fitted_signals(
-            "signals", own, some["signal_dn"].to_numpy(), size.unit,
-            first["threshold_dn"] - flawless, first["noise_dn"], SATURATED * (full - flawless),
-        )  # fmt: skip
-    except TrialsError as error:
-        notes.append(f"signals: {error}")
-    near, false, drawn, rest = (
-        table[name].to_numpy() for name in ("near_false", "drawn_false", "drawn", "rest_px")
+    alike = ranks.count(best[0][0])
+    said = (
+        f"{alike} stations have the same a90/95 or find every trial, and the first of them is "
+        f"shown; smaller defects would tell them apart."
     )
-    calls = FalseCalls.of(near, false, drawn, rest, all(table["clear"].to_pylist()))
-    info = DeviceInfo(*(first[name] for name in ("backend", "device", "driver", "version")))
-    return Pod(
-        size.name, size.unit, hits, signals, measured, calls, some, len(table),
-        first["threshold_dn"], station, info, notes=tuple(notes),
-    )  # fmt: skip
-
-
-def trials_of(table: pa.Table) -> pa.Table:
-    """Return a row for each trial, with the number of its part and its slope.
-
-    Parameters
-    ----------
-    table : pyarrow.Table
-        A row for each part.
-    """
-    lists = {name: table[name].combine_chunks() for name in TRIALS}
-    count = np.diff(lists["kind"].offsets.to_numpy())
-    found: dict[str, Any] = {"part": np.repeat(np.arange(len(table)), count)}
-    found |= {name: values.flatten() for name, values in lists.items()}
-    slope = SIZES["slope"].of(found["size_mm"].to_numpy(), found["depth_um"].to_numpy())
-    return pa.table({**found, "slope_mrad": slope})
+    return [
+        replace(found, stations=tuple(stations), notes=(*found.notes, *[said] * (alike > 1)))
+        for _, _, found in best
+    ]
 
 
 def _mapped(found: Pod, first: Size, second: Size, model: str) -> Pod:

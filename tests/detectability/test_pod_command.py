@@ -18,6 +18,7 @@ from legible import check_legible
 
 import gpuspec
 from gpuspec.errors import OutputError, StationError, TrialsError
+from gpuspec.station.corners import corners
 from gpuspec.sweeps.cluster.crew import crew_of
 
 PARTS = 20
@@ -139,6 +140,30 @@ def test_the_station_with_the_smallest_size_is_found(station, engine):
         gpuspec.pod(station, parts=PARTS, vary=vary, false_calls=0.0, backend=engine)
 
 
+def test_the_worst_within_the_tolerances_decides(station, engine, folder):
+    """Each design of the tolerances by itself, at the threshold of the station that is not off."""
+    halves = {"sensor.exposure": 0.4}
+    own = station.replace(tolerance=halves)
+    found = gpuspec.pod(own, parts=PARTS, backend=engine, tolerance=True)
+    at = own.replace(segmentation__threshold=found.threshold_dn)
+    ranks = [
+        gpuspec.pod(at.replace(**off), parts=PARTS, backend=engine).simulated.rank
+        for off in corners(at, halves)
+    ]
+    assert found.worst.rank == max(ranks) > found.simulated.rank
+    assert found.worst.tried == len(ranks)
+    assert found.numbers()["within_tolerance"]["a90_95"] == max(ranks)
+    assert any("within the tolerances, the threshold held" in said for said in found.findings())
+    # Of several stations that of the smallest worst, which need not be that of the smallest.
+    vary = {"sensor.exposure": [2.0, 4.0]}
+    few = gpuspec.pod(own, parts=PARTS, vary=vary, backend=engine, tolerance=True)
+    other = gpuspec.pod(
+        own.replace(sensor__exposure=2.0), parts=PARTS, backend=engine, tolerance=True
+    )
+    assert found.station.sensor.exposure == 4.0
+    assert few.worst.rank == min(found.worst.rank, other.worst.rank)
+
+
 def test_bad_input_is_one_sentence_and_leaves_nothing(folder, station, engine, gpuspec_):
     gpuspec.pod(station, parts=2, folder=folder / "kept", backend=engine)
     other = station.replace(sensor__exposure=2.0)
@@ -156,6 +181,8 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(folder, station, engine, g
         (["--trials", "none.csv"], "cannot be read"),
         ([], "neither a station nor a file"),
         (["--set", "sensor.exposure=2"], "name a station file"),
+        (["--trials", "even.csv", "--tolerance"], "name a station file"),
+        (["small.toml", "--tolerance"], "states no tolerances"),
         (["small.toml", "--size", "volume"], "choose one of"),
         (["small.toml", "--model", "cubic"], "no model"),
     ):

@@ -11,8 +11,8 @@ from gpuspec.arrays import BESIDE
 from gpuspec.detectability.bench import TrialBench
 from gpuspec.detectability.false_calls import FalseCalls
 from gpuspec.detectability.plan import TrialPlan
-from gpuspec.detectability.pod import tried
 from gpuspec.detectability.sizes import SIZES, chosen
+from gpuspec.detectability.telling import tried
 from gpuspec.detection.inspection import inspect
 from gpuspec.detection.score import score
 from gpuspec.errors import StationError
