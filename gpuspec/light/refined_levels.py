@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +23,11 @@ from gpuspec.light.levels import (
 )
 from gpuspec.light.light_map import LightMap
 from gpuspec.station.station import Station
+
+LevelImages = NDArray[np.uint8]
+"""Levels of some pixels under some designs, shape (designs, pixels)."""
+
+_AHEAD = 2  # images that wait to be counted
 
 
 class RefinedCounter:
@@ -79,22 +87,35 @@ class RefinedCounter:
     def count(self, stations: Sequence[Station]) -> Levels:
         """See :meth:`gpuspec.light.levels.LevelCounter.count`."""
         found = self._inner.count(stations)
+        # What the device has seen is counted here while it looks at the next.
+        with ThreadPoolExecutor(1, "gpuspec-count") as counting:
+            tasks: deque[Future[None]] = deque()
+            for count, images, scale in self._looks(stations, found):
+                tasks.append(counting.submit(_count, count, images, scale))
+                if len(tasks) > _AHEAD:
+                    tasks.popleft().result()
+            for task in tasks:
+                task.result()
+        return found
+
+    def _looks(
+        self, stations: Sequence[Station], found: Levels
+    ) -> Iterator[tuple[Callable[[LevelImages], None], NDArray[np.float32], float]]:
+        """Yield images of refined pixels, their full scale, and what counts their levels."""
         for group in _alike(stations):
             exposures = [stations[i].sensor.exposure for i in group]
             station = stations[group[0]]
             scale = station.sensor.full_scale_dn
             if self._coarse is not None:
-                for i in group:
-                    image = self._coarse.counted(self._coarse.under(stations[i]))
-                    found.outside[i] -= _counts(_levels(image, scale))[0]
+                own = [self._coarse.counted(self._coarse.under(stations[i])) for i in group]
+                yield partial(_take_off, found, group), np.concatenate(own), scale
             for one in self._lists:
                 part = one.light_map
                 if station.sensor.noise:
                     means = np.stack([part.mean(part.under(stations[i])) for i in group])
                 else:
                     means = part.means_of_exposures(part.under(station), exposures)
-                one.count(_levels(means[:, 0], scale), found, group)
-        return found
+                yield partial(one.count, found, group), means[:, 0], scale
 
 
 @dataclass(frozen=True)
@@ -122,9 +143,9 @@ class _List:
         beyond = len(order) - int(np.count_nonzero(guard.flat[places[kept]]))
         return cls(part, order, first, zones, inside, beyond)
 
-    def count(self, level: NDArray[np.int64], found: Levels, group: Sequence[int]) -> None:
+    def count(self, found: Levels, group: Sequence[int], level: LevelImages) -> None:
         """Add the levels of some designs, (designs, pixels), to what was found of them."""
-        sorted_ = level[:, self.order]
+        sorted_ = level.take(self.order, axis=1)
         found.inside[group] += _counts(sorted_[:, : self.inside])
         guard = _counts(sorted_[:, self.beyond :])
         found.outside[group] += _counts(sorted_[:, self.inside : self.beyond]) + guard
@@ -136,6 +157,15 @@ class _List:
             found.peaks[group] = peaks
 
 
+def _take_off(found: Levels, group: Sequence[int], level: LevelImages) -> None:
+    """Take the levels of some designs, (designs, pixels), off what was found outside."""
+    found.outside[group] -= _counts(level)
+
+
+def _count(count: Callable[[LevelImages], None], images: NDArray[np.float32], scale: float) -> None:
+    count(_levels(images, scale))
+
+
 def _alike(stations: Sequence[Station]) -> list[list[int]]:
     """Return the numbers of designs that differ in exposure alone, together."""
     groups: dict[object, list[int]] = {}
@@ -145,13 +175,12 @@ def _alike(stations: Sequence[Station]) -> list[list[int]]:
     return list(groups.values())
 
 
-def _levels(images: NDArray[np.float32], full_scale_dn: float) -> NDArray[np.int64]:
-    level: NDArray[np.int64] = np.ceil(images * levels_per_dn(full_scale_dn)).astype(np.int64)
-    return level.clip(0, LEVELS - 1)
+def _levels(images: NDArray[np.float32], full_scale_dn: float) -> LevelImages:
+    level: NDArray[np.float32] = np.ceil(images * levels_per_dn(full_scale_dn))
+    np.fmin(np.fmax(level, 0, out=level), LEVELS - 1, out=level)
+    return level.astype(np.uint8)
 
 
-def _counts(level: NDArray[np.int64]) -> Counts:
+def _counts(level: LevelImages) -> Counts:
     """Return how often each level comes in each row, shape (rows, 256)."""
-    rows = len(level)
-    apart = level + LEVELS * np.arange(rows)[:, None]
-    return np.bincount(apart.ravel(), minlength=LEVELS * rows).reshape(rows, LEVELS)
+    return np.stack([np.bincount(row, minlength=LEVELS) for row in level])
