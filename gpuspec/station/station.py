@@ -559,8 +559,13 @@ class Station(Section):
     def _possible(self) -> Station:
         return self.possible()
 
-    def possible(self) -> Station:
+    def possible(self, *, part_is: bool = False) -> Station:
         """Return self if its sections fit together.
+
+        Parameters
+        ----------
+        part_is : bool
+            Whether it is known that what is on the part fits on it.
 
         Raises
         ------
@@ -641,8 +646,15 @@ class Station(Section):
                 f"sequence.lag = {self.sequence.lag} must be smaller than sequence.images = "
                 f"{self.sequence.images}"
             )
-        self._check_sizes()
-        self._check_edges()
+        if not part_is:
+            self._check_sizes()
+            self._check_edges()
+            self._check_places()
+        return self
+
+    def _check_places(self) -> None:
+        """Refuse defects beside the part."""
+        part = self.part
         for number, defect in enumerate(self.defects, 1):
             points = (
                 defect.points_mm if isinstance(defect, Scratch) else ((defect.x_mm, defect.y_mm),)
@@ -654,7 +666,6 @@ class Station(Section):
                         f"part, which reaches ±{part.length_mm / 2:g} mm along x and "
                         f"±{part.width_mm / 2:g} mm along y"
                     )
-        return self
 
     def _check_pose(self) -> None:
         """Refuse a part moved out of the tunnel, and a camera in it or behind the part."""

@@ -292,18 +292,21 @@ def digests(station: Station) -> dict[str, str]:
 def _with_design(station: Station, changes: Mapping[str, float | int]) -> Station | None:
     """Return a valid station with other stripes, sensor or sequence, or None if there is none.
 
-    A quarter of the time of :meth:`Station.replace`, which tells what is wrong.
+    An eighth of the time of :meth:`Station.replace`, which tells what is wrong. Sections in which
+    nothing changes are those of the other station.
     """
     sections: dict[str, dict[str, Any]] = {}
     for key, value in changes.items():
         section, name = key.split(".")
-        sections.setdefault(section, {**getattr(station, section).__dict__})[name] = value
+        own = getattr(station, section).__dict__
+        if own[name] != value:
+            sections.setdefault(section, {**own})[name] = value
     try:
         made = {
             section: type(getattr(station, section)).model_validate(values)
             for section, values in sections.items()
         }
-        return station.model_copy(update=made).possible()
+        return station.model_copy(update=made).possible(part_is=True)
     except ValueError:
         return None
 

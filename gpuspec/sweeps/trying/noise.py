@@ -40,6 +40,8 @@ class Noise:
         self._lit: dict[Any, Any] = {}
         self._share: Any = 0.0
         self._known: dict[Any, float] = {}
+        self._last: tuple[Any, ...] | None = None  # of the same objects it is not looked up
+        self._variance = 0.0
 
     @classmethod
     def traced(cls, station: Station, relief: Relief) -> Noise:
@@ -71,8 +73,14 @@ class Noise:
         """
         if station.sequence.fusion != "mean" or not len(self._planes[0]):
             return math.nan
-        sensor = station.sensor
-        key = station.tunnel, sensor
+        light = station.tunnel, station.sensor
+        if self._last is None or any(a is not b for a, b in zip(self._last, light, strict=True)):
+            self._last, self._variance = light, self._variance_under(station)
+        return math.sqrt(self._variance / station.sequence.images)
+
+    def _variance_under(self, station: Station) -> float:
+        """Return the variance of one grey level under a light and a sensor."""
+        sensor, key = station.sensor, (station.tunnel, station.sensor)
         if key not in self._known:
             seen = self._seen(station)
             signal = sensor.exposure * seen + sensor.dark_e / sensor.saturation_e
@@ -80,7 +88,7 @@ class Noise:
             variance = np.where(signal < 1, unclipped_variance(signal, sensor), 0) + more
             by_pixel = (self._share * variance).sum(axis=1)
             self._known[key] = float(np.median(np.maximum(by_pixel, 0)))
-        return math.sqrt(self._known[key] / station.sequence.images)
+        return self._known[key]
 
     def _seen(self, station: Station) -> Any:
         """Return the radiance that the pixels see at phases of a period, shape (pixels, phases)."""
