@@ -247,6 +247,7 @@ def _summary(choice: AimChoice) -> str:
         "designs": choice.plan.designs,
         "meeting": len(choice.ranked.design),
         "parts": choice.plan.parts,
+        "seeds": choice.plan.seeds,
         "defects": choice.all_of["hits"],
         "tolerances": dict(choice.tolerances.halves),
         "peak": about(choice.peak),
@@ -309,20 +310,21 @@ def _notes(choice: AimChoice) -> list[str]:
     robust, peak = choice.robust, choice.peak
     if robust.design == peak.design and robust.room_dn < 0:
         found.append(
-            "no design finds every defect and nothing else within these tolerances, its threshold "
-            "held; state smaller ones in [tolerance], or sweep a finer grid."
+            "no design finds all that is required and nothing else within these tolerances, its "
+            "threshold held; state smaller ones in [tolerance], or sweep a finer grid."
         )
     elif peak.room_dn < 0:
         found.append(
-            f"within the tolerances the peak misses a defect or detects something else at its "
-            f"threshold; the robust design {robust.design} does not, and is what is written."
+            f"within the tolerances the peak misses a defect that is required, or detects "
+            f"something else at its threshold; the robust design {robust.design} does not, and is "
+            f"what is written."
         )
     spread = robust.confirmed.spread()
     low, high = spread["hit_share_95"]
-    if choice.plan.parts > 1:
+    if choice.plan.inspections > 1:
         mean, worst = spread["mean"], spread["worst"]
         found.append(
-            f"over {choice.plan.parts} parts the robust design has P1 {mean['p1']:.3f} on average "
+            f"over {choice.plan.tries} the robust design has P1 {mean['p1']:.3f} on average "
             f"and {worst['p1']:.3f} at worst, P2 {mean['p2']:.3f} and {worst['p2']:.3f}; it hits "
             f"{100 * spread['hit_share']:.1f} % of the defects ({100 * low:.1f} to "
             f"{100 * high:.1f} % with 95 % confidence)."

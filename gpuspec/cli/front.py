@@ -165,6 +165,7 @@ def _write_tables(folder: Path, choice: Choice, found: list[Line]) -> None:
         "designs": plan.designs,
         "missing": plan.designs - choice.run.there(),
         "parts": plan.parts,
+        "seeds": plan.seeds,
         "defects": choice.defects,
         "chosen": choice.best.as_dict(),
         "notes": choice.notes,
@@ -289,14 +290,14 @@ def _notes(choice: Choice, lines: list[Line], there: int) -> list[str]:
             f"{SHARE:.0%}, even with the threshold chosen anew. Another goal, fewer hits or a "
             f"higher P2 may choose a design with more room."
         )
-    if plan.parts > 1:
+    if plan.inspections > 1:
         details = choice.details()
         first = ""
         if "part_p1" in details:
             p1, p2, hits = (details[f"part_{name}"][0] for name in ("p1", "p2", "hits"))
             first = f", on which it has P1 {p1:.4f}, P2 {p2:.4f} and hits {hits} defects"
         found.append(
-            f"the scores are over {plan.parts} parts with {best.hits} of {choice.defects} defects "
+            f"the scores are over {plan.tries}, with {best.hits} of {choice.defects} defects "
             f"hit; a station file holds the first part{first}."
         )
     return found

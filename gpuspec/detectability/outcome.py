@@ -72,7 +72,7 @@ class Worst:
     Attributes
     ----------
     off : dict of str to float or int
-        What its keys are there.
+        What its keys are there; empty: nothing is off.
     rank : float
         Its a90/95; infinite: it has none.
     tried : int
@@ -95,6 +95,7 @@ class Worst:
             Of the size.
         """
         where = ", ".join(f"{key} = {number(value)}" for key, value in self.off.items())
+        where = where or "the station as it is"
         told = f"at most {self.rank:.3g} {unit}" if math.isfinite(self.rank) else "not known"
         return (
             f"within the tolerances, the threshold held: a90/95 is {told} in {self.tried} designs, "

@@ -92,7 +92,7 @@ def pod(
     progress : callable, optional
         Told what is being done, how many parts are done, and of how many.
     crew : Crew, optional
-        Others to do the work; then `backend` and `device` are not used.
+        Others to do the work; then `backend` and `device` are not used, but for tolerances.
 
     Returns
     -------
@@ -143,8 +143,11 @@ def pod(
         kept = None
         if folder is not None:
             kept = stack.enter_context(TrialsFolder.writing(folder_of(folder), plan))
-        workers = crew or Alone(TrialBench(plan, open_backend(backend, device)))
-        table = tried(plan, workers, kept, progress or (lambda *_: None))
+        engine = open_backend(backend, device) if tolerance or crew is None else None
+        if crew is None:
+            assert engine is not None
+            crew = Alone(TrialBench(plan, engine))
+        table = tried(plan, crew, kept, progress or (lambda *_: None))
 
     def tell(one: Station, rows: pa.Table) -> Pod:
         return told(one, rows, first, wanted, model, measured)
@@ -153,8 +156,7 @@ def pod(
         few = smallest(plan, table, tell, false_calls, HELD if tolerance else 1)
     else:
         few = [tell(plan.plan.station, table)]
-    if tolerance:
-        engine = open_backend(backend, device)
+    if engine and tolerance:
         few = [with_worst(one, engine, tell, progress) for one in few]
         few.sort(key=lambda one: one.worst.rank if one.worst else math.inf)
     return few[0] if second is None else _mapped(few[0], first, second, model)
@@ -212,12 +214,16 @@ def smallest(
         )
     alike = ranks.count(best[0][0])
     said = (
-        f"{alike} stations have the same a90/95 or find every trial, and the first of them is "
-        f"shown; smaller defects would tell them apart."
+        f"{alike} stations have the same a90/95 or find every trial, and one of them is shown; "
+        f"smaller defects would tell them apart."
     )
     return [
-        replace(found, stations=tuple(stations), notes=(*found.notes, *[said] * (alike > 1)))
-        for _, _, found in best
+        replace(
+            found,
+            stations=tuple(stations),
+            notes=(*found.notes, *[said] * (alike > 1 and rank == best[0][0])),
+        )
+        for rank, _, found in best
     ]
 
 

@@ -31,7 +31,7 @@ def tolerances_of(station: Station) -> dict[str, float]:
     Raises
     ------
     StationError
-        If it states none.
+        If it states none, or one of a key that is not set.
     """
     halves = stated(station)
     if not halves:
@@ -39,6 +39,7 @@ def tolerances_of(station: Station) -> dict[str, float]:
             f"{station.file} states no tolerances; say in a table [tolerance] by how much which "
             f"keys may be off."
         )
+    corners(station, halves)  # each has a number to be off from
     return halves
 
 
@@ -64,10 +65,11 @@ def with_worst(found: Pod, backend: Backend, tell: Tell, progress: Progress | No
     StationError
         If it states no tolerances.
     """
-    assert found.station is not None
+    assert found.station is not None and found.simulated is not None
     station = found.station.replace(segmentation__threshold=found.threshold_dn)
     some = corners(station, tolerances_of(station))
-    every = []
+    own = found.simulated.rank
+    every = [Worst({}, math.inf if own is None else own, len(some))]
     for number, off in enumerate(some):
         if progress:
             progress("designs within the tolerances", number, len(some))

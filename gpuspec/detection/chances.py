@@ -48,12 +48,12 @@ def greatest_share(hits: ArrayLike, trials: ArrayLike, confidence: float = CONFI
     return 1 - least_share(np.subtract(trials, hits), trials, confidence)
 
 
-def share_within(hits: int, trials: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
+def share_within(hits: float, trials: float, confidence: float = CONFIDENCE) -> tuple[float, float]:
     """Return between which bounds a probability lies, see :func:`least_share`.
 
     Parameters
     ----------
-    hits, trials : int
+    hits, trials : float
     confidence : float
         Two-sided: half of the risk on each side.
 

@@ -86,19 +86,23 @@ def corners(station: Station, halves: Mapping[str, float]) -> list[dict[str, flo
         if low < 0 <= value and not key.endswith(_SIGNED):
             low = 0  # of a share, a width or a height there is no less
         ends.append((low, value + half))
-    random, every = np.random.default_rng(0), np.array(ends).reshape(-1, 2)
+    if not keys:
+        return []
+    random, every = np.random.default_rng(0), np.array(ends)
     picks = random.integers(0, 2, (CORNERS_MAX, len(keys))).astype(float)
     if 2 ** len(keys) <= CORNERS_MAX:
         all_of = product((0.0, 1.0), repeat=len(keys)) if len(keys) > 1 else ()
         picks = np.array([*all_of]).reshape(-1, len(keys))
-    picks = np.concatenate([picks, random.random((INSIDE, len(keys)))])
+    inside = np.round(random.random((INSIDE, len(keys))), 2)  # in hundredths, as one reads them
+    picks = np.concatenate([picks, inside])
     together = every[:, 0] + picks * (every[:, 1] - every[:, 0])
 
     def taken(key: str, value: float) -> float | int:
         whole = isinstance(at(station, key), int)
-        return round(value) if whole else float(f"{value:.6g}")
+        return round(value) if whole else float(f"{value:.9g}")
 
-    return [
+    found = [
         *({key: taken(key, end)} for key, own in zip(keys, ends, strict=True) for end in own),
         *({key: taken(key, v) for key, v in zip(keys, row, strict=True)} for row in together),
     ]
+    return [one for number, one in enumerate(found) if one not in found[:number]]

@@ -17,7 +17,7 @@ from gpuspec.sweeps.measures import MEASURES, Measure, measure
 Floats = NDArray[np.float64]
 Sign = Literal["=", "<=", ">="]
 _FORM = re.compile(r"^\s*([\w.]+)\s*(<=|>=|==|=|<|>)\s*(\S+)\s*$")
-_SHARES = "p1", "p2", "f1"
+_SHARES = "p1", "p2", "f1", "worst_p2", "sure_hit_share"
 _HOW = 'write NAME = VALUE, NAME >= VALUE or NAME <= VALUE, e.g. "margin_sigma >= 6"'
 
 
@@ -162,17 +162,13 @@ class Aim:
         """
         return [r.short_of(values[r.name], all_of.get(r.name, math.nan)) for r in self.require]
 
-    def spared(self, all_of: Mapping[str, Any]) -> int:
-        """Return how many defects may be missed; 0 where no hits are required.
-
-        Parameters
-        ----------
-        all_of : mapping of str to int
-            How many there are, by ``hits``.
-        """
-        there = int(all_of["hits"])
-        least = [r.value for r in self.require if r.name == "hits" and r.sign != "<="]
-        return there - int(min(max(least), there)) if least else 0
+    @property
+    def least_hits(self) -> int | None:
+        """How many defects must be hit; None: all, or it is not said by their number alone."""
+        of_hits = [r for r in self.require if r.name.split(".")[0] == "hits"]
+        least = max((r.value for r in of_hits if r.sign != "<="), default=math.inf)
+        by_kind = any(r.name != "hits" for r in of_hits)
+        return None if by_kind or math.isinf(least) else math.ceil(least)
 
     def order(self, values: Mapping[str, Any], all_of: Mapping[str, Any]) -> list[Floats]:
         """Return what is to be high, one after another, of points of any shape.

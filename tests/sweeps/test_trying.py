@@ -224,3 +224,29 @@ def test_many_draws_have_the_mean_and_the_spread_of_the_closed_form(opencl, tmp_
     ):
         assert abs(np.mean(drawn) - mean) < 3 * deviation / np.sqrt(seeds) + 0.003
         assert 0.7 * deviation < np.std(drawn, ddof=1) < 1.4 * deviation
+
+
+def test_a_screened_part_is_bounded_draw_by_draw(station, opencl):
+    """No draw of the noise looks at another pixel: bounds are as wide for many as for one."""
+    noisy = station.replace(
+        **{"sensor.noise": True, "sensor.read_noise_e": 100.0, "sequence.images": 20}
+    )
+    widths = []
+    for seeds in (1, 16):
+        plan = Plan.of(noisy, {"sensor.exposure": [2]}, samples=300, seeds=seeds)
+        (row,) = Bench(plan, opencl).rows(range(1), sampled=True).to_pylist()
+        widths.append(np.subtract(row["p1_high"], row["p1_low"]))
+    assert widths[0].max() > 0.02
+    assert (widths[1] >= widths[0] - 0.01).mean() > 0.95
+
+
+def test_the_worst_part_is_one_of_which_something_is_seen(opencl):
+    """Of parts whose defects are all beside the image nothing is told."""
+    small = Station.from_dict({**STATION, "defects": [], "populations": [
+        {"kind": "dent", "count": 1, "seed": 1, "diameter_mm": 0.8, "depth_um": 6.0}]})  # fmt: skip
+    small = small.replace(camera__columns=70)
+    plan = Plan.of(small, {"sensor.exposure": [4]}, parts=8)
+    (row,) = Bench(plan, opencl).rows(range(1), sampled=False).to_pylist()
+    assert 0 < row["defects"] < 8
+    assert row["worst_hits"][0] == 1
+    assert row["worst_p2"][0] == 1

@@ -224,7 +224,7 @@ def choose_for(
     # What the table only bounds is taken for as good as it may be, and then looked at.
     if min_area_mm2 is None:
         min_area_mm2 = run.plan.station.segmentation.min_area_mm2
-    lenient = frozenset(["false_blobs"] if min_area_mm2 else _loose(aim))
+    lenient = frozenset(["false_blobs"] if min_area_mm2 else _loose(aim)) - {aim.goal, *over}
     standing, front, weakest, flawless = _read(run, aim, over, all_of, lenient)
     ranked = _ranked(standing, aim, all_of)
     met = _met(ranked, aim, all_of)
@@ -273,7 +273,7 @@ def _read(
     standing: list[Standing] = []
     fronts: list[Standing] = []
     for table in run.batches([*COLUMNS]):
-        found = Measured.of(table, wanted, aim.spared(all_of))
+        found = Measured.of(table, wanted, aim.least_hits)
         if found is None:
             continue
         weakest[found.design], flawless[found.design] = found.weakest, found.flawless
@@ -439,7 +439,7 @@ class _Looker:
         held = threshold_dn if threshold_dn is not None else (low + high) / 2
         off = self.every(design, held, some)
         if off:
-            least, most = held_window(off, self.aim.spared(self.all_of))
+            least, most = held_window(off, self.aim.least_hits)
             low, high = max(low, least), min(high, most)
         if threshold_dn is None:
             level = np.floor((low + high) / 2 / step)

@@ -19,7 +19,7 @@ from gpuspec.sweeps.trying.curves import KINDS
 
 Floats = NDArray[np.float64]
 
-COLUMNS = ("design", "exact", "defects", "p1", "p2", "hits", "worst_hits", "worst_p2",
+COLUMNS = ("design", "exact", "draws", "defects", "p1", "p2", "hits", "worst_hits", "worst_p2",
            "p1_low", "p1_high", "false_px", "peaks", "kinds", "margin_dn", "margin_high_dn",
            "margin_sigma", "noise_dn", "smallest_mm", *COSTS)  # fmt: skip
 """Of a sweep's table."""
@@ -49,7 +49,9 @@ class Measured:
     flawless: NDArray[np.int64]
 
     @classmethod
-    def of(cls, table: pa.Table, names: Collection[str], spared: int = 0) -> Measured | None:
+    def of(
+        cls, table: pa.Table, names: Collection[str], least_hits: int | None = None
+    ) -> Measured | None:
         """Read the valid designs of a table with `COLUMNS`; None if there are none.
 
         Parameters
@@ -57,8 +59,8 @@ class Measured:
         table : pyarrow.Table
         names : collection of str
             Measures that are wanted.
-        spared : int
-            How many defects, the faintest, may be missed.
+        least_hits : int, optional
+            How many defects must be hit, the others, the faintest, may be missed; None: all.
         """
         table = table.filter(pa.compute.is_valid(table["exact"]))
         if not len(table):
@@ -67,6 +69,7 @@ class Measured:
         row, peaks, kinds = _defects(table)
         count = np.bincount(row, minlength=len(table))
         rising = peaks[np.lexsort((peaks, row))]
+        spared = np.maximum(count - (count if least_hits is None else least_hits), 0)
         at = np.cumsum(count) - count + np.minimum(spared, count - 1)
         weakest = np.where(count > spared, np.append(rising, 0)[at], LEVELS - 1)
         flawless = (false > 0).sum(axis=1)
@@ -83,8 +86,9 @@ class Measured:
             one = table[name].null_count  # there is one part under one draw
             values[name] = values[name.removeprefix("worst_")] if one else curves(table, name)
         if "sure_hit_share" in names:
-            defects = table["defects"].to_numpy()[:, None]
-            values["sure_hit_share"] = least_share(values["hits"], defects)
+            # Draws of the noise on one part are no trials of other defects.
+            draws, defects = (table[name].to_numpy()[:, None] for name in ("draws", "defects"))
+            values["sure_hit_share"] = least_share(values["hits"] / draws, defects / draws)
         if "f1" in names:
             values["f1"] = f1_of(values["p1"], values["p2"])
         for code, kind in enumerate(KINDS):

@@ -102,8 +102,6 @@ class Optimum:
                 "the rule chooses a threshold above which nothing is detected; ask for some P2 "
                 "with --p2-floor, or for hits with --hit-share."
             )
-        if isinstance(self.rule, Aim):
-            return station.replace(**{"segmentation.threshold": best.threshold_dn})
         return scored_at(station, best.threshold_dn)
 
 
@@ -185,7 +183,7 @@ def tried(plan: Plan, rule: Rule | Aim, parts: Parts, values: Values, *, step: b
         levels, traced = parts.levels([station], sampled=False)
     except StationError as error:
         return Trial(values, step, reason=str(error))
-    curves = Curves.of(levels, traced, risk=1.0)
+    curves = Curves.of(levels, traced, 1.0, plan.seeds)
     defects = int(curves.seen.sum())
     if not defects:
         return Trial(values, step, reason="no pixel of a defect's zone is in view.")
@@ -209,7 +207,7 @@ def _aimed(
     """Return the best threshold by an aim, the measures there, and what misses the aim."""
     noise = traced[0].noise
     table = rows(plan, [0], [station], curves, parts.backend.info, [None], [noise.of(station)])
-    found = Measured.of(table, aim.names)
+    found = Measured.of(table, aim.names, aim.least_hits)
     assert found is not None
     all_of = {"hits": int(curves.seen.sum()), **counts_of_kinds(table)}
     at = int(best_by(aim.order(found.values, all_of))[0])

@@ -88,7 +88,7 @@ class Bench:
 
     def _tried(self, stations: dict[int, Station], *, sampled: bool) -> Tried:
         levels, parts = self.parts.levels(list(stations.values()), sampled=sampled)
-        curves = Curves.of(levels, parts, self._risk)
+        curves = Curves.of(levels, parts, self._risk, self.plan.seeds)
         if not curves.seen.any():
             raise StationError("no pixel of a defect's zone is in view.")
         notes = [notes_of(station, parts) for station in stations.values()]

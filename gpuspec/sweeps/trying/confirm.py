@@ -37,22 +37,31 @@ class Confirmed:
         One for each part under each draw of the noise.
     noise_dn : float
         Of the flawless surface; NaN: not known.
+    seeds : int
+        Draws of the noise on each part.
     """
 
     station: Station
     parts: tuple[Seen, ...]
     noise_dn: float
+    seeds: int = 1
 
-    def faintest_dn(self, spared: int = 0) -> float:
-        """Return the level of the faintest defect of all parts; NaN if there is none.
+    def faintest_dn(self, least_hits: int | None = None) -> float:
+        """Return the level of the faintest defect of all parts that must be hit.
 
         Parameters
         ----------
-        spared : int
-            How many that are fainter do not count.
+        least_hits : int, optional
+            So many must be, the brightest; None: all.
+
+        Returns
+        -------
+        float
+            Infinite if there is none.
         """
-        peaks = sorted(peak for seen in self.parts for peak in seen.peaks_dn)
-        return peaks[spared] if len(peaks) > spared else math.nan
+        peaks = sorted((peak for seen in self.parts for peak in seen.peaks_dn), reverse=True)
+        needed = peaks if least_hits is None else peaks[:least_hits]
+        return min(needed, default=math.inf)
 
     @property
     def flawless_dn(self) -> float:
@@ -73,6 +82,8 @@ class Confirmed:
         p1 = float(precision(total("hit_px"), total("false_zone_px")))
         p2 = float(recall(total("hit_px"), total("zone_px")))
         margin = self.faintest_dn() - self.flawless_dn
+        margin = margin if math.isfinite(margin) else math.nan
+        there = [seen for seen in self.parts if seen.zone_px]
         peaks, sizes = (
             np.array([value for seen in self.parts for value in getattr(seen, name)])
             for name in ("peaks_dn", "sizes_mm")
@@ -89,9 +100,11 @@ class Confirmed:
         return {
             "p1": p1, "p2": p2, "f1": float(f1_of(np.array(p1), np.array(p2))),
             "hits": float(total("hits")), **kinds,
-            "worst_hits": float(min(seen.hits for seen in self.parts)),
-            "worst_p2": min(float(recall(seen.hit_px, seen.zone_px)) for seen in self.parts),
-            "sure_hit_share": float(least_share(total("hits"), self.defects)),
+            "worst_hits": min((float(seen.hits) for seen in there), default=math.nan),
+            "worst_p2": min((float(recall(s.hit_px, s.zone_px)) for s in there), default=math.nan),
+            "sure_hit_share": float(
+                least_share(total("hits") / self.seeds, self.defects / self.seeds)
+            ),
             "false_px": float(total("false_px")),
             "false_blobs": float(total("false_blobs")), "margin_dn": margin,
             "margin_sigma": margin / self.noise_dn if self.noise_dn else math.nan,
@@ -122,12 +135,12 @@ class Confirmed:
         )  # fmt: skip
         found: dict[str, Any] = {
             "hit_share": hits / max(defects, 1),
-            "hit_share_95": list(share_within(hits, defects)),
+            "hit_share_95": list(share_within(hits / self.seeds, defects / self.seeds)),
             "mean": {"p1": np.mean(p1), "p2": np.mean(p2), "hit_share": np.mean(share)},
             "worst": {"p1": min(p1), "p2": min(p2), "hit_share": min(share)},
         }
         found["mean"] = {name: float(value) for name, value in found["mean"].items()}
-        noisy = [asdict(seen.expected) for seen in self.parts if seen.expected]
+        noisy = [asdict(seen.expected) for seen in self.parts[:: self.seeds] if seen.expected]
         return {**found, "expected": noisy} if noisy else found
 
 
@@ -170,18 +183,20 @@ def confirm_all(
             traced.light_map.release()
         for place in places:
             deviation = noise.of(stations[place]) if noise else math.nan
-            found[place] = Confirmed(stations[place], tuple(seen[place]), deviation)
+            found[place] = Confirmed(stations[place], tuple(seen[place]), deviation, seeds)
     return [found[place] for place in range(len(stations))]
 
 
-def held_window(confirmed: Sequence[Confirmed], spared: int = 0) -> tuple[float, float]:
+def held_window(
+    confirmed: Sequence[Confirmed], least_hits: int | None = None
+) -> tuple[float, float]:
     """Return between which thresholds every defect is hit and nothing else, under all of some.
 
     Parameters
     ----------
     confirmed : sequence of Confirmed
-    spared : int
-        How many defects, the faintest of each, may be missed.
+    least_hits : int, optional
+        How many defects must be hit; None: all.
 
     Returns
     -------
@@ -189,4 +204,4 @@ def held_window(confirmed: Sequence[Confirmed], spared: int = 0) -> tuple[float,
         DN: highest level of what is flawless, level of the faintest defect; low > high: there is
         none.
     """
-    return max(c.flawless_dn for c in confirmed), min(c.faintest_dn(spared) for c in confirmed)
+    return max(c.flawless_dn for c in confirmed), min(c.faintest_dn(least_hits) for c in confirmed)

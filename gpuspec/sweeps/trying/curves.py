@@ -67,7 +67,9 @@ class Curves:
     flawless_high: Ints
 
     @classmethod
-    def of(cls, levels: Sequence[Levels], parts: Sequence[TracedPart], risk: float) -> Curves:
+    def of(
+        cls, levels: Sequence[Levels], parts: Sequence[TracedPart], risk: float, seeds: int = 1
+    ) -> Curves:
         """Add up levels.
 
         Parameters
@@ -77,6 +79,8 @@ class Curves:
         parts : sequence of TracedPart
         risk : float
             Greatest chance of each bound to be wrong, see :class:`Bounds`.
+        seeds : int
+            Draws of the noise on each part, which have the same sample.
         """
         hit = np.stack([_above(part.inside) for part in levels])
         near = np.stack([_above(part.outside) for part in levels])
@@ -90,13 +94,15 @@ class Curves:
         least = ((low - rim + drawn.sum(axis=0)) > 0).sum(axis=1)
         if samples:
             weight = samples[0].weight
-            bounds = Bounds(sum(len(s.chosen) for s in samples), weight, risk)
+            strata = sum(len(s.chosen) for s in samples) // seeds
+            bounds = Bounds(strata, weight, risk / seeds)
             false += drawn * weight
-            together = drawn.sum(axis=0)
             # From its ceiling on nothing that was not counted is detected.
             certain = np.arange(LEVELS) >= ceiling[:, None]
-            low = low + np.where(certain, together, bounds.low(together))
-            high = high + np.where(certain, together, bounds.high(together))
+            for draw in range(seeds):
+                together = drawn[draw::seeds].sum(axis=0)
+                low = low + np.where(certain, together, bounds.low(together))
+                high = high + np.where(certain, together, bounds.high(together))
         seen = [part.zones.sizes > 0 for part in parts]
         known = [
             defect
@@ -152,7 +158,14 @@ class Curves:
     @property
     def worst_p2(self) -> Floats:
         """Recall on the part or draw where it is the lowest, shape (D, 256)."""
-        found: Floats = recall(self.hit_px, self.zone_px[:, None, None]).min(axis=0)
+        there = self.zone_px > 0
+        found: Floats = recall(self.hit_px[there], self.zone_px[there, None, None]).min(axis=0)
+        return found
+
+    @property
+    def worst_hits(self) -> Ints:
+        """Defects hit on the part or draw where they are the fewest, shape (D, 256)."""
+        found: Ints = self.hits[self.seen > 0].min(axis=0)
         return found
 
     @property

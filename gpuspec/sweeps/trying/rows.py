@@ -146,7 +146,7 @@ def rows(
         "p1": _curves(p1),
         "p2": _curves(p2),
         "hits": _curves(hits, pa.int32()),
-        "worst_hits": _curves(curves.hits.min(axis=0), pa.int32(), where=several),
+        "worst_hits": _curves(curves.worst_hits, pa.int32(), where=several),
         "worst_p2": _curves(curves.worst_p2, where=several),
         "p1_low": _curves(curves.p1_low, where=sampled),
         "p1_high": _curves(curves.p1_high, where=sampled),
