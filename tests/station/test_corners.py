@@ -28,5 +28,6 @@ def test_whole_numbers_are_tried_once_each():
 def test_of_many_keys_some_corners_are_tried_and_of_none_nothing():
     keys = ("tunnel.luminous_mm", "tunnel.dark_mm", "tunnel.height_mm", "sensor.exposure",
             "camera.height_mm")  # fmt: skip
-    assert len(corners(STATION, dict.fromkeys(keys, 0.1))) == 2 * 5 + CORNERS_MAX + INSIDE
+    tried = corners(STATION, dict.fromkeys(keys, 0.1))
+    assert 2 * 5 + CORNERS_MAX // 2 + INSIDE < len(tried) <= 2 * 5 + CORNERS_MAX + INSIDE
     assert corners(STATION, {}) == []
