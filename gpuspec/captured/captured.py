@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from gpuspec.arrays import BESIDE, Image
 from gpuspec.detection.classes import Confusion
 from gpuspec.detection.decision import Decision, decide, decision_rules
-from gpuspec.detection.inspection import Inspection
-from gpuspec.detection.measures import Blobs
+from gpuspec.detection.inspection import Found, Inspection
 from gpuspec.detection.score import Score
 from gpuspec.frames.silhouette import Silhouette
 from gpuspec.light.backend import DeviceInfo
@@ -48,7 +47,7 @@ class Zone:
 
 
 @dataclass(frozen=True, eq=False)
-class Captured:
+class Captured(Found):
     """An inspected sequence: aspect image and what was found in it.
 
     Attributes
@@ -135,31 +134,6 @@ class Captured:
     def lost(self) -> NDArray[np.uint8]:
         """Code of ``arrays.LOST``: beside the part where nothing is inspected, shape (M, N)."""
         return np.where(self.region, 0, BESIDE).astype(np.uint8)
-
-    @property
-    def labels(self) -> NDArray[np.int32]:
-        """Blobs as a label image, shape (M, N)."""
-        return self.inspection.labels
-
-    @property
-    def blobs(self) -> Blobs:
-        """Measures of the blobs."""
-        return self.inspection.blobs
-
-    @property
-    def classes(self) -> NDArray[np.str_]:
-        """Class of each blob."""
-        return self.inspection.classes
-
-    @property
-    def threshold(self) -> float:
-        """Grey level above which a pixel was detected, DN."""
-        return self.inspection.threshold
-
-    @property
-    def flawless_dn(self) -> float:
-        """Median grey level of what was inspected, DN."""
-        return self.inspection.flawless_dn
 
     @cached_property
     def decision(self) -> Decision:

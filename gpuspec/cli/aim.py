@@ -13,8 +13,10 @@ from gpuspec import words
 from gpuspec.cli.terminal import console, extra, progress
 
 if TYPE_CHECKING:
+    from gpuspec.files import Outputs
     from gpuspec.sweeps.aim import Aim
     from gpuspec.sweeps.choosing.aimed import AimChoice, Held
+    from gpuspec.sweeps.keeping.folder import RunFolder
 
 FILES = ("front.csv", "chosen.json", "front.png", "front.html")
 RULES = (None, "paper", "p1", "p2", "f1")
@@ -134,6 +136,43 @@ def check_beside(run: Path, place: Path, write: Path | None) -> None:
         )
 
 
+def opened(
+    run: Path, output: Path | None, write: Path | None, rule: str, files: tuple[str, ...], *,
+    force: bool,
+) -> tuple[RunFolder, Outputs]:  # fmt: skip
+    """Read a sweep, and see that what is chosen from it can be written.
+
+    Parameters
+    ----------
+    run : Path
+    output, write : Path or None
+        For the results, and for the chosen station.
+    rule : str
+        By which is chosen.
+    files : tuple of str
+        Names of what is written.
+    force : bool
+
+    Raises
+    ------
+    OutputError
+        If the folder holds no sweep, or something is in the way.
+    """
+    from gpuspec.files import Outputs, check_new
+    from gpuspec.sweeps.keeping.folder import RunFolder
+
+    swept = RunFolder.read(run)
+    inputs = swept.plan.station.inputs
+    if write:
+        check_new(write, force=force, inputs=inputs)
+    of = {"rule": rule, "sweep": swept.name}
+    results = Outputs(output or run / "front", "front", files, inputs, force=force, of=of)
+    if output is None:
+        results = results.apart()
+    results.check()
+    return swept, results
+
+
 def by_aim(
     run: Path, what: Asked, floors: Mapping[str, float], output: Path | None, write: Path | None, *,
     force: bool, pictures: bool, backend: str, device: str | None,
@@ -157,31 +196,21 @@ def by_aim(
     """
     with extra("sweep"):
         from gpuspec.sweeps.choosing.aimed import choose_for
-        from gpuspec.sweeps.keeping.folder import RunFolder
-    from gpuspec.files import Outputs, check_new, write_new
+    from gpuspec.files import write_new
     from gpuspec.station.toml import to_toml
 
     check_no_floors(floors)
-    place = output or run / "front"
-    check_beside(run, place, write)
+    check_beside(run, output or run / "front", write)
     with progress() as tell:
         tell("choosing")
-        swept = RunFolder.read(run)
-        inputs = swept.plan.station.inputs
-        if write:
-            check_new(write, force=force, inputs=inputs)
-        of = {"rule": str(what.aim), "sweep": swept.name}
-        results = Outputs(place, "front", FILES, inputs, force=force, of=of)
-        if output is None:
-            results = results.apart()
-        results.check()
+        swept, results = opened(run, output, write, str(what.aim), FILES, force=force)
         choice = choose_for(
             swept, what.aim, what.over, min_area_mm2=what.min_area_mm2, backend=backend,
             device=device,
         )  # fmt: skip
         if write:
             text = to_toml(choice.station(), absolute=True)
-            write_new(write, text, force=force, inputs=inputs)
+            write_new(write, text, force=force, inputs=results.inputs)
         missing = ""
         with results.writing() as partial:
             _write_front(partial / "front.csv", choice)

@@ -11,6 +11,7 @@ from gpuspec.cli.options import (
     ColourOption,
     DarkOption,
     ForceOption,
+    FramesArgument,
     GapsOption,
     SetOption,
     changed,
@@ -24,9 +25,7 @@ if TYPE_CHECKING:
 
 
 def fit(
-    frames: Annotated[
-        list[str], typer.Argument(help="A folder, a pattern in quotes, or files: PNG, TIFF.")
-    ],
+    frames: FramesArgument,
     output: Annotated[
         Path,
         typer.Option(

@@ -94,10 +94,9 @@ def _by_rule(
     """Choose by the paper's rule, or another of its kind."""
     with extra("sweep"):
         from gpuspec.sweeps.choosing.choose import choose, most_defects
-        from gpuspec.sweeps.keeping.folder import RunFolder
         from gpuspec.sweeps.rule import Rule
-    from gpuspec.cli.aim import check_beside
-    from gpuspec.files import Outputs, check_new, write_new
+    from gpuspec.cli.aim import check_beside, opened
+    from gpuspec.files import write_new
     from gpuspec.station.toml import to_toml
     from gpuspec.sweeps.choosing.maps import Maps
     from gpuspec.sweeps.choosing.sensitivity import lines
@@ -107,21 +106,13 @@ def _by_rule(
     check_beside(run, place, write)
     with progress() as tell:
         tell("choosing")
-        swept = RunFolder.read(run)
-        inputs = swept.plan.station.inputs
-        of = {"rule": str(rule), "sweep": swept.name}
-        if write:
-            check_new(write, force=force, inputs=inputs)
-        results = Outputs(place, "front", FILES, inputs, force=force, of=of)
-        if output is None:
-            results = results.apart()
-        results.check()
+        swept, results = opened(run, output, write, str(rule), FILES, force=force)
         maps = Maps(swept.plan, rule, most_defects(swept)) if pictures else None
         choice = choose(swept, rule, maps.add if maps else None)
         found = lines(choice)
         if write:
             text = to_toml(choice.station(), absolute=True)
-            write_new(write, text, force=force, inputs=inputs)
+            write_new(write, text, force=force, inputs=results.inputs)
         with results.writing() as partial:
             _write_tables(partial, choice, found)
             if maps:

@@ -12,6 +12,7 @@ from gpuspec.cli.options import (
     ColourOption,
     DarkOption,
     ForceOption,
+    FramesArgument,
     GapsOption,
     OutputOption,
     PicturesOption,
@@ -25,9 +26,7 @@ if TYPE_CHECKING:
 
 
 def inspect(
-    frames: Annotated[
-        list[str], typer.Argument(help="A folder, a pattern in quotes, or files: PNG, TIFF.")
-    ],
+    frames: FramesArgument,
     station: Annotated[
         Path | None, typer.Option("--station", help="Station file: scale, classes, threshold.")
     ] = None,

@@ -25,6 +25,15 @@ BackendOption = Annotated[
 DeviceOption = Annotated[
     str | None, typer.Option("--device", help="Part of a device's name, or its number.")
 ]
+FramesArgument = Annotated[
+    list[str], typer.Argument(help="A folder, a pattern in quotes, or files: PNG, TIFF.")
+]
+WorkersOption = Annotated[
+    int, typer.Option("--workers", min=0, help="Local processes to share the work; 0: none.")
+]
+SchedulerOption = Annotated[
+    str, typer.Option("--scheduler", help="A Dask scheduler, e.g. tcp://host:8786.")
+]
 DarkOption = Annotated[
     str | None, typer.Option("--dark", help="Frames without light: a folder, pattern or file.")
 ]

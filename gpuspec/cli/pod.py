@@ -14,7 +14,9 @@ from gpuspec.cli.options import (
     DeviceOption,
     ForceOption,
     OutputOption,
+    SchedulerOption,
     SetOption,
+    WorkersOption,
     changed,
 )
 from gpuspec.cli.terminal import console, counted, extra, kept_in, print_notes
@@ -80,12 +82,8 @@ def pod(
     saturation: Annotated[
         float | None, typer.Option("--saturation", help="Signals of files end there.")
     ] = None,
-    workers: Annotated[
-        int, typer.Option("--workers", min=0, help="Local processes to share the work; 0: none.")
-    ] = 0,
-    scheduler: Annotated[
-        str, typer.Option("--scheduler", help="A Dask scheduler, e.g. tcp://host:8786.")
-    ] = "",
+    workers: WorkersOption = 0,
+    scheduler: SchedulerOption = "",
     force: ForceOption = False,
     backend: BackendOption = "auto",
     device: DeviceOption = None,

@@ -13,8 +13,10 @@ from gpuspec.cli.options import (
     BackendOption,
     DeviceOption,
     OutputOption,
+    SchedulerOption,
     SetOption,
     StationArgument,
+    WorkersOption,
     changed,
 )
 from gpuspec.cli.terminal import console, counted, extra, kept_in, print_assumptions, print_notes
@@ -61,12 +63,8 @@ def sweep(
         typer.Option("--samples", min=1, help="Pixels of a part that --screen draws."),
     ] = None,
     plan_only: Annotated[bool, typer.Option("--plan", help="Only print the plan.")] = False,
-    workers: Annotated[
-        int, typer.Option("--workers", min=0, help="Local processes to share the work; 0: none.")
-    ] = 0,
-    scheduler: Annotated[
-        str, typer.Option("--scheduler", help="A Dask scheduler, e.g. tcp://host:8786.")
-    ] = "",
+    workers: WorkersOption = 0,
+    scheduler: SchedulerOption = "",
     backend: BackendOption = "auto",
     device: DeviceOption = None,
     change: SetOption = None,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ from gpuspec.detectability.plan import TrialPlan
 from gpuspec.detectability.seen import Ints, Levels, Seen
 from gpuspec.detection.background import robust_sigma
 from gpuspec.detection.connected import connected_pixels
+from gpuspec.detection.false_blobs import least_pixels
 from gpuspec.detection.inspection import Inspection, inspect
 from gpuspec.errors import StationError
 from gpuspec.light.backend import Backend
@@ -180,13 +180,12 @@ class TrialBench:
         truth, listing, held = laid.truth, laid.listing, self._held(laid.number)
         threshold = held.inspection.threshold
         seen = Seen.listed(station, relief, listing, self.backend)
-        least = math.ceil(
-            station.segmentation.min_area_mm2 / station.camera.sampling_mm**2 - 1e-9
-        )  # fmt: skip
+        rule, sampling_mm = station.segmentation, station.camera.sampling_mm
+        least = max(least_pixels(rule.min_area_mm2, sampling_mm), 1)
         owner = truth.labels.ravel()
         itself = np.sort(listing.itself).astype(np.int64)
         levels = seen.at(itself)
-        blob = _blobs(levels, itself, threshold, station.shape[1], max(least, 1))
+        blob = _blobs(levels, itself, threshold, station.shape[1], least)
         inside = owner[itself]
         count = np.bincount(blob)
         true = np.bincount(blob, inside != 0, len(count)) > 0
@@ -195,7 +194,7 @@ class TrialBench:
         rest = held.on_part - len(itself)
         if part:
             drawn = len(listing.chosen)
-            false = self._sampled(laid, itself, seen, threshold, max(least, 1))
+            false = self._sampled(laid, itself, seen, threshold, least)
         else:
             labels = held.inspection.labels.ravel()
             there = np.zeros(labels.max(initial=0) + 1, bool)

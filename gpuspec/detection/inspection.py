@@ -85,6 +85,42 @@ class Inspection:
         )
 
 
+class Found:
+    """What an inspected sequence shows of its inspection, simulated or real.
+
+    Attributes
+    ----------
+    inspection : Inspection
+    """
+
+    inspection: Inspection
+
+    @property
+    def labels(self) -> NDArray[np.int32]:
+        """Blobs as a label image, shape (M, N)."""
+        return self.inspection.labels
+
+    @property
+    def blobs(self) -> Blobs:
+        """Measures of the blobs."""
+        return self.inspection.blobs
+
+    @property
+    def classes(self) -> NDArray[np.str_]:
+        """Class of each blob."""
+        return self.inspection.classes
+
+    @property
+    def threshold(self) -> float:
+        """Grey level above which a pixel was detected, DN."""
+        return self.inspection.threshold
+
+    @property
+    def flawless_dn(self) -> float:
+        """Median grey level of what was inspected, DN."""
+        return self.inspection.flawless_dn
+
+
 def inspect(
     aspect: Image,
     valid: NDArray[np.bool_],

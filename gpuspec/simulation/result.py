@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from gpuspec.arrays import BESIDE, Image
 from gpuspec.detection.classes import Confusion
 from gpuspec.detection.expected import Expected
-from gpuspec.detection.inspection import Inspection
-from gpuspec.detection.measures import Blobs
+from gpuspec.detection.inspection import Found, Inspection
 from gpuspec.detection.score import Score
 from gpuspec.frames.silhouette import Silhouette, silhouette_of
 from gpuspec.light.backend import DeviceInfo
@@ -33,7 +32,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
+class Result(Found):
     """A simulated inspection: images, what was found in them, and how good that is.
 
     It can be pickled; what stands on the device stays behind and is traced again when its images
@@ -117,31 +116,6 @@ class Result:
         from gpuspec.pictures.page import essentials
 
         return essentials(self.station, self.light_map.pattern)
-
-    @property
-    def labels(self) -> NDArray[np.int32]:
-        """Blobs as a label image, shape (M, N)."""
-        return self.inspection.labels
-
-    @property
-    def blobs(self) -> Blobs:
-        """Measures of the blobs."""
-        return self.inspection.blobs
-
-    @property
-    def classes(self) -> NDArray[np.str_]:
-        """Class of each blob."""
-        return self.inspection.classes
-
-    @property
-    def threshold(self) -> float:
-        """Grey level above which a pixel was detected, DN."""
-        return self.inspection.threshold
-
-    @property
-    def flawless_dn(self) -> float:
-        """Median grey level of the part, DN."""
-        return self.inspection.flawless_dn
 
     @property
     def refined(self) -> dict[str, int]:

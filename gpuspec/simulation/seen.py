@@ -11,7 +11,6 @@ from gpuspec.detection.connected import connected
 from gpuspec.detection.expected import Expected
 from gpuspec.detection.false_blobs import false_blobs, least_pixels
 from gpuspec.light.light_map import has_noisy_form
-from gpuspec.part.guard import guarded
 from gpuspec.simulation.simulate import Traced
 from gpuspec.station.station import Station
 
@@ -87,7 +86,7 @@ class Seen:
         noisy = has_noisy_form(station)
         # Of noise the levels are told as they are on average, and its spread beside them.
         level = light_map.moments(station).mean if noisy else aspect
-        guard = guarded(station, traced.relief, truth.labels)
+        guard = traced.guard
         least = least_pixels(rule.min_area_mm2, station.camera.sampling_mm)
         detected = (aspect > threshold) & on_part
         if least > 1:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gpuspec.arrays import Mask
 from gpuspec.detection.classes import confusion
 from gpuspec.light.backend import Backend, DeviceInfo
 from gpuspec.light.devices import open_backend
+from gpuspec.part.guard import guarded
 from gpuspec.part.placement import MANY, asked_for
 from gpuspec.part.relief import Relief
 from gpuspec.part.truth import Truth
@@ -94,6 +97,11 @@ class Traced:
 
     def __repr__(self) -> str:
         return f"Traced({self.light_map!r}, {self.truth!r})"
+
+    @cached_property
+    def guard(self) -> Mask:
+        """Pixels of zones and guard bands, shape (M, N)."""
+        return guarded(self.station, self.relief, self.truth.labels)
 
     def result(
         self, light_map: ScoredLightMap | None = None, progress: Progress | None = None

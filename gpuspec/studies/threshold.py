@@ -18,7 +18,6 @@ from gpuspec.detection.inspection import Inspection, levelled
 from gpuspec.detection.over_threshold import OverThreshold, over_threshold, thresholds_of
 from gpuspec.errors import StationError
 from gpuspec.light.backend import Backend
-from gpuspec.part.guard import guarded
 from gpuspec.pictures.over_threshold import STATED, thresholds_figure
 from gpuspec.pictures.page import essentials
 from gpuspec.simulation.light_map import Progress
@@ -193,11 +192,10 @@ def study(
     tried = thresholds_of(image, on_part, automatic, levels)
     tried = np.unique([*tried, *([] if stated_dn is None else [stated_dn])])
     (progress or (lambda _: None))(f"scoring at {len(tried):,} thresholds")
-    guard = guarded(station, traced.relief, zones)
-    found = over_threshold(image, zones, on_part, guard, tried, min_area_px=least)
+    found = over_threshold(image, zones, on_part, traced.guard, tried, min_area_px=least)
     # And once more with the best among them.
     tried = np.append(tried, found.best_dn)
-    found = over_threshold(image, zones, on_part, guard, tried, min_area_px=least)
+    found = over_threshold(image, zones, on_part, traced.guard, tried, min_area_px=least)
     return Threshold(
         station, traced.info, found, automatic, stated_dn,
         notes=tuple(traced.result().warnings),

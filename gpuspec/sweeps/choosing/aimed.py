@@ -392,8 +392,8 @@ class _Looker:
     ) -> list[Confirmed]:
         """Look at a design with some keys off, once for each of several."""
         station = self.plan.station_of(design)
-        rule = {"segmentation.threshold": threshold_dn}
-        rule["segmentation.min_area_mm2"] = self.min_area_mm2
+        rule = {"segmentation.threshold": threshold_dn,
+                "segmentation.min_area_mm2": self.min_area_mm2}  # fmt: skip
         stations = [station.replace(**off, **rule) for off in offs]
         return confirm_all(stations, self.plan.parts, self.backend, self.plan.seeds)
 

@@ -7,7 +7,7 @@ import os
 import signal
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from multiprocessing import resource_tracker
 from typing import Any
 
@@ -30,7 +30,6 @@ _SPAWN = "distributed.nanny.pre-spawn-environ"
 _SILENT = logging.CRITICAL + 1
 
 
-@contextmanager
 def crew(
     plan: Plan,
     *,
@@ -38,7 +37,7 @@ def crew(
     scheduler: str = "",
     backend: str = "auto",
     device: str | None = None,
-) -> Iterator[Crew]:
+) -> AbstractContextManager[Crew]:
     """Bring together whoever does a sweep's tasks; local processes end with the context.
 
     Parameters
@@ -53,20 +52,19 @@ def crew(
     device : str, optional
         Which device every worker takes; None: each worker of a machine another of its GPUs.
 
-    Yields
-    ------
-    Crew
+    Returns
+    -------
+    context manager of Crew
 
     Raises
     ------
     ClusterError
         If the scheduler or its workers are not there, or lack this gpuspec.
     """
-    with crew_of(
+    return crew_of(
         bench_of, message(plan), workers=workers, scheduler=scheduler, backend=backend,
         device=device,
-    ) as found:  # fmt: skip
-        yield found
+    )  # fmt: skip
 
 
 @contextmanager
