@@ -33,6 +33,12 @@ GROUP = 128
 EXPOSURES = 16
 """Designs that differ in exposure alone and are worked out together."""
 
+TABLE_STEPS = 512
+"""Of a footprint's table, at most: a pixel whose footprint takes more is seen ray by ray."""
+
+SUB_RAYS = 64
+"""Of a pixel that has a table, at most."""
+
 LEVELS = 256
 """Levels of an aspect image: how many of as many thresholds a pixel is above."""
 
@@ -66,6 +72,8 @@ DEFINES = {
     "HARMONICS": f"{HARMONICS}",
     "GROUP": f"{GROUP}",
     "EXPOSURES": f"{EXPOSURES}",
+    "SUB_RAYS": f"{SUB_RAYS}",
+    "TABLE_STEPS": f"{TABLE_STEPS}",
     "LEVELS": f"{LEVELS}",
     "CELLS_FINE": f"{CELLS_FINE}.0f",
     "CELLS_COARSE": f"{CELLS_COARSE}.0f",

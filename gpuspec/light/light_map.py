@@ -21,6 +21,7 @@ from gpuspec.errors import BackendError, StationError
 from gpuspec.light.constants import NO_PIXEL
 from gpuspec.light.float64_noise import Moments, drawn, noisy_moments
 from gpuspec.light.levels import LevelCounter, Levels, Pixels, Sample, Zones, levels_of
+from gpuspec.light.lists import Lists
 from gpuspec.light.patterns import Pattern
 from gpuspec.light.refinement import bend_of, counted, sides_needed
 from gpuspec.shown import array, object_of
@@ -341,6 +342,10 @@ class LightMap(ABC):
         sensors = (station.sensor.model_copy(update={"exposure": e}) for e in exposures)
         designs = (station.model_copy(update={"sensor": sensor}) for sensor in sensors)
         return np.stack([self.mean(design) for design in designs])
+
+    def together(self, parts: Sequence[LightMap]) -> Lists[LightMap]:
+        """Return light maps of lists of pixels, of one station and this backend, side by side."""
+        return Lists(parts)
 
     def noisy(self, station: Station | None) -> Station:
         """Return the station to take noise of, checked to have it in closed form.

@@ -18,7 +18,9 @@ from gpuspec.light.constants import EXPOSURES, NO_PIXEL, STRIP_ROWS, STRIP_VECTO
 from gpuspec.light.float64_noise import Moments
 from gpuspec.light.levels import Pixels, Sample, Zones
 from gpuspec.light.light_map import PLANES, LightMap
+from gpuspec.light.lists import Lists
 from gpuspec.light.opencl_device import FILES, INSTALL, INTEL, VECTORS, OpenCLDevice
+from gpuspec.light.opencl_footprints import FootprintLists, can_be_tables
 from gpuspec.light.opencl_levels import OpenCLCounter, device_noise
 from gpuspec.light.records import (
     coefficients,
@@ -308,6 +310,10 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
                         self._copy_home(plane, grey, i)
                     means[first : first + len(some), band] = out
         return self._shaped(means)
+
+    def together(self, parts: Sequence[LightMap]) -> Lists[LightMap]:
+        """See :meth:`LightMap.together`."""
+        return FootprintLists(parts) if parts and can_be_tables(parts) else Lists(parts)
 
     def read_tile(
         self,

@@ -30,7 +30,7 @@ VECTORS = (16, 8)
 
 FILES = (
     "trace.cl", "listed.cl", "posed.cl", "posed_listed.cl", "refine.cl", "aspect.cl",
-    "sequence.cl", "profiled.cl", "sweep.cl",
+    "sequence.cl", "profiled.cl", "footprints.cl", "sweep.cl",
 )  # fmt: skip
 
 LAUNCH_SECONDS = 0.5

@@ -54,15 +54,17 @@ class RefinedLightMap(LightMap):
         self._coarse = lambda some: trace(with_side(station, 1), some)
         sides = (needed(self.base) if needed else self._needed(trace)).ravel()
         candidates = _not_one(sides)
-        self.finer: tuple[LightMap, ...] = ()
-        self.places: tuple[Pixels, ...] = ()
-        """Where the pixels of each list stand in the image, or in the list that this is of."""
+        finer: list[LightMap] = []
+        places: list[Pixels] = [np.zeros(0, np.uint32)]
         for side in SIDES:
-            places = candidates[sides[candidates] == side]
-            if len(places):
-                numbers = places if pixels is None else pixels[places]
-                self.finer += (trace(with_side(station, side), numbers),)
-                self.places += (places,)
+            own = candidates[sides[candidates] == side]
+            if len(own):
+                numbers = own if pixels is None else pixels[own]
+                finer.append(trace(with_side(station, side), numbers))
+                places.append(own)
+        self.lists = self.base.together(finer)
+        self.places = np.concatenate(places)
+        """Where the lists' pixels stand in the image, or in the list that this is of."""
 
     def _needed(self, trace: Trace) -> NDArray[np.uint8]:
         if self.pixels is None:
@@ -73,20 +75,17 @@ class RefinedLightMap(LightMap):
     @property
     def refined(self) -> dict[int, int]:
         """See :attr:`LightMap.refined`."""
-        return {
-            int(part.station.camera.side): len(places)
-            for part, places in zip(self.finer, self.places, strict=True)
-        }
+        return {part.station.camera.side: part.shape[1] for part in self.lists.parts}
 
     @property
     def parts(self) -> tuple[LightMap, ...]:
         """The light map of one footprint and the lists."""
-        return (self.base, *self.finer)
+        return (self.base, *self.lists.parts)
 
     def _put_in(self, image: NDArray[Any], of: Callable[[LightMap], NDArray[Any]]) -> NDArray[Any]:
         """Put what the lists give into an image of one footprint."""
-        for part, places in zip(self.finer, self.places, strict=True):
-            image.flat[places] = of(part)[0]
+        if len(self.places):
+            image.reshape(-1)[self.places] = self.lists.each(of)
         return image
 
     def release(self) -> None:
@@ -100,7 +99,7 @@ class RefinedLightMap(LightMap):
         self.held()
         lit = copy(self)
         lit.base = self.base.with_pattern(pattern)
-        lit.finer = tuple(part.with_pattern(pattern) for part in self.finer)
+        lit.lists = lit.base.together([p.with_pattern(pattern) for p in self.lists.parts])
         lit.pattern = pattern
         return lit
 
@@ -144,9 +143,9 @@ class RefinedLightMap(LightMap):
         """See :meth:`LightMap.fuse`."""
         station = self.lit_by(station)
         fused = self.base.fuse(self.base.under(station))
-        for part, places in zip(self.finer, self.places, strict=True):
-            for name, image in part.fuse(part.under(station)).items():
-                fused[name].flat[places] = image[0]
+        own = [part.fuse(part.under(station)) for part in self.lists.parts]
+        for name, image in fused.items() if own else ():
+            image.flat[self.places] = np.concatenate([found[name][0] for found in own])
         return fused
 
     def closed_form(self, station: Station | None = None) -> Image:
@@ -155,19 +154,20 @@ class RefinedLightMap(LightMap):
         Of the lists' pixels image by image: their sub-rays saturate together.
         """
         station = self.lit_by(station)
-        return self._put_in(
-            self.base.closed_form(self.base.under(station)),
-            lambda part: part.means_of_exposures(part.under(station), [station.sensor.exposure])[0],
-        )
+        image = self.base.closed_form(self.base.under(station))
+        if len(self.places):
+            exposures = [station.sensor.exposure]
+            image.reshape(-1)[self.places] = self.lists.means_of_exposures(station, exposures)[0]
+        return image
 
     def moments(self, station: Station | None = None) -> Moments:
         """See :meth:`LightMap.moments`."""
         station = self.noisy(station)
         found = self.base.moments(self.base.under(station))
-        for part, places in zip(self.finer, self.places, strict=True):
-            own = part.summed_moments(part.under(station))
-            found.mean.flat[places] = own.mean[0]
-            found.deviation.flat[places] = own.deviation[0]
+        own = [part.summed_moments(part.under(station)) for part in self.lists.parts]
+        for image, name in ((found.mean, "mean"), (found.deviation, "deviation")):
+            if own:
+                image.flat[self.places] = np.concatenate([getattr(one, name)[0] for one in own])
         return found
 
     def one_draw(self, station: Station | None = None) -> Image:
@@ -182,10 +182,10 @@ class RefinedLightMap(LightMap):
         """See :meth:`LightMap.counter`."""
         self.held()
         by_images = type(self.base).counter is LightMap.counter
-        if by_images or self.pixels is not None or not self.finer:
+        if by_images or self.pixels is not None or not len(self.places):
             return super().counter(zones, sample) if by_images else self.base.counter(zones, sample)
         return _ByWay(
-            RefinedCounter(self.base, self.finer, self.places, self._coarse, zones, sample),
+            RefinedCounter(self.base, self.lists, self.places, self._coarse, zones, sample),
             super().counter(zones, sample),
         )
 

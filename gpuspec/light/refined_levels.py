@@ -22,6 +22,7 @@ from gpuspec.light.levels import (
     levels_per_dn,
 )
 from gpuspec.light.light_map import LightMap
+from gpuspec.light.lists import Lists
 from gpuspec.station.station import Station
 
 LevelImages = NDArray[np.uint8]
@@ -38,10 +39,10 @@ class RefinedCounter:
     base : LightMap
         Of one footprint per pixel; its counter takes any pixel of the image that is in no zone for
         outside.
-    finer : sequence of LightMap
-        Lists of the refined pixels, no pixel twice.
-    places : sequence of ndarray of uint32
-        Where those of each list stand in the image, or in the list that `base` is of.
+    lists : Lists
+        Of the refined pixels, no pixel twice.
+    places : ndarray of uint32
+        Where these stand in the image, or in the list that `base` is of.
     coarse : callable
         Traces a list of pixels with one footprint each; not needed with a sample.
     zones : Zones
@@ -53,15 +54,14 @@ class RefinedCounter:
     def __init__(
         self,
         base: LightMap,
-        finer: Sequence[LightMap],
-        places: Sequence[Pixels],
+        lists: Lists[LightMap],
+        places: Pixels,
         coarse: Callable[[Pixels], LightMap] | None,
         zones: Zones,
         sample: Sample | None,
     ) -> None:
         refined = np.zeros(zones.valid.shape, bool)
-        for own in places:
-            refined.flat[own] = True
+        refined.flat[places] = True
         self._coarse: LightMap | None = None
         if sample is None and coarse is not None:
             self._coarse = coarse(np.flatnonzero(refined & zones.valid).astype(np.uint32))
@@ -77,11 +77,8 @@ class RefinedCounter:
         owner.flat[zones.pixels] = np.repeat(np.arange(len(zones.sizes)), zones.sizes)
         guard = np.zeros(zones.valid.shape, np.bool_)
         guard.flat[zones.guard] = True
-        counted = refined & zones.valid
-        self._lists = [
-            _List.of(part, own, owner, counted, guard)
-            for part, own in zip(finer, places, strict=True)
-        ]
+        self._lists = lists
+        self._sorted = _Sorted.of(places, owner, refined & zones.valid, guard)
         self._inner = base.counter(replace(zones.only(~refined), valid=zones.valid), sample)
 
     def count(self, stations: Sequence[Station]) -> Levels:
@@ -109,20 +106,20 @@ class RefinedCounter:
             if self._coarse is not None:
                 own = [self._coarse.counted(self._coarse.under(stations[i])) for i in group]
                 yield partial(_take_off, found, group), np.concatenate(own), scale
-            for one in self._lists:
-                part = one.light_map
-                if station.sensor.noise:
-                    means = np.stack([part.mean(part.under(stations[i])) for i in group])
-                else:
-                    means = part.means_of_exposures(part.under(station), exposures)
-                yield partial(one.count, found, group), means[:, 0], scale
+            if station.sensor.noise:
+                means = np.stack([self._drawn(stations[i]) for i in group])
+            else:
+                means = self._lists.means_of_exposures(station, exposures)
+            yield partial(self._sorted.count, found, group), means, scale
+
+    def _drawn(self, station: Station) -> NDArray[np.float32]:
+        return self._lists.each(lambda part: part.mean(part.under(station)))
 
 
 @dataclass(frozen=True)
-class _List:
-    """The refined pixels of one light map: of the zones in their order, of none, of the guard."""
+class _Sorted:
+    """The refined pixels: those of the zones in their order, of none, of the guard band."""
 
-    light_map: LightMap
     order: NDArray[np.intp]
     first: NDArray[np.intp]
     zones: NDArray[np.int64]
@@ -130,9 +127,7 @@ class _List:
     beyond: int
 
     @classmethod
-    def of(
-        cls, part: LightMap, places: Pixels, owner: NDArray[np.int64], counted: Mask, guard: Mask
-    ) -> _List:
+    def of(cls, places: Pixels, owner: NDArray[np.int64], counted: Mask, guard: Mask) -> _Sorted:
         """Sort them; those that are not to be counted are left out."""
         own = owner.flat[places]
         kept = np.flatnonzero(counted.flat[places])
@@ -141,7 +136,7 @@ class _List:
         inside = int(np.count_nonzero(own[order] >= 0))
         zones, first = np.unique(own[order[:inside]], return_index=True)
         beyond = len(order) - int(np.count_nonzero(guard.flat[places[kept]]))
-        return cls(part, order, first, zones, inside, beyond)
+        return cls(order, first, zones, inside, beyond)
 
     def count(self, found: Levels, group: Sequence[int], level: LevelImages) -> None:
         """Add the levels of some designs, (designs, pixels), to what was found of them."""

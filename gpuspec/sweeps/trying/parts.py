@@ -339,12 +339,12 @@ class Screen:
         counter = base.counter(zones, sample)
         if finer:
             parts = [
-                self._traced(station, backend, side, self.listing.pixels[places])
-                for side, places in finer.items()
+                self._traced(station, backend, side, self.listing.pixels[own])
+                for side, own in finer.items()
             ]
-            for part, places in zip(parts, finer.values(), strict=True):
-                lost.flat[places] = part.lost()
-            counter = RefinedCounter(base, parts, tuple(finer.values()), None, zones, sample)
+            lists, places = base.together(parts), np.concatenate(list(finer.values()))
+            lost.flat[places] = lists.each(lambda part: part.lost())
+            counter = RefinedCounter(base, lists, places, None, zones, sample)
         losses = self.listing.losses(lost) if first else None
         notes = () if losses is None else tuple(of_losses(station, losses))
         drawn = sample if len(sample.chosen) else None
