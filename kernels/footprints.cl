@@ -6,6 +6,7 @@
 #include "portable.h"
 #include "station.h"
 #include "light_map.h"
+#include "level.h"
 
 /* Nodes of a pixel that are worked out together. */
 #define NODES 16
@@ -23,7 +24,6 @@ typedef struct {
 
 /* Images of a pixel that are added up together. */
 #define IMAGES 64
-#define NUMBERS ((int16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15))
 
 /* Where the footprint of each of WIDTH pixels begins, how long the steps of its table are, in mm, how many, and
    the irradiance of all its sub-rays. The cubic is off, in shares of the whole, by the step squared
@@ -55,7 +55,7 @@ __kernel void measure_footprints(__global float *begin, __global float *step,
     REAL count = max(-floor(-length * sqrt(sqrt(squares) / (share * bound))), none + 1.0f);
     STORE((lit ? first : none), begin, own + at);
     STORE((lit ? length / count : none + 1.0f), step, own + at);
-    STORE((lit ? count : none), steps, own + at);
+    STORE((lit ? count : none + 1.0f), steps, own + at);
     STORE(sum / (float)sub_rays, whole, own + at);
 }
 
@@ -119,95 +119,187 @@ __kernel void lay_footprints(__global float2 *nodes, LIGHT_MAP(const), __global 
     }
 }
 
-/* Adds to the images from `c` up to `end` of a period's `images` what of a footprint lies beyond edges `x` + n
-   `step`, n = 0, 1, ..., the first of which cuts it in image j. */
-DEVICE void add_edges(float *lit, int c, int end, int images, int j, float x, float step,
-                      __global const float2 *nodes, int steps, float sign) {
-    int edges = (int)-floor((x - (float)steps) / step);
-    for (int turn = c - j; turn < edges; turn += images) {
-        int to = turn + end - c < edges ? turn + end - c : edges;
+/* Two neighbouring nodes of each of WIDTH tables. */
+typedef struct {
+    REAL first;
+    REAL slope;
+    REAL other;
+    REAL other_slope;
+} Pairs;
+
+#if WIDTH > 1
+typedef float4 Pair __attribute__((aligned(8)));
+#define PAIR(i) (*(__global const Pair *)(nodes + at.s##i))
+#define FOUR_PAIRS(i, j, k, l) ((float16)(PAIR(i), PAIR(j), PAIR(k), PAIR(l)))
+#if WIDTH == 16
+#define TURNED(q, s) ((REAL)(q[0].s, q[1].s, q[2].s, q[3].s))
+#else
+#define TURNED(q, s) ((REAL)(q[0].s, q[1].s))
+#endif
+#endif
+
+DEVICE Pairs pairs_at(__global const float *nodes, COUNTER at) {
+#if WIDTH > 1
+    float16 q[WIDTH / 4];
+    q[0] = FOUR_PAIRS(0, 1, 2, 3);
+    q[1] = FOUR_PAIRS(4, 5, 6, 7);
+#if WIDTH == 16
+    q[2] = FOUR_PAIRS(8, 9, a, b);
+    q[3] = FOUR_PAIRS(c, d, e, f);
+#endif
+    Pairs p = {TURNED(q, s048c), TURNED(q, s159d), TURNED(q, s26ae), TURNED(q, s37bf)};
+#else
+    Pairs p = {nodes[at], nodes[at + 1], nodes[at + 2], nodes[at + 3]};
+#endif
+    return p;
+}
+
+/* Edges of the stripes before WIDTH footprints: number n stands at x + n `between`, in steps of their
+   tables, in image number n + `image` of a period. */
+typedef struct {
+    REAL x;
+    REAL between;
+    REAL steps;
+    COUNTER first; /* nodes */
+} Edges;
+
+/* Adds to the images from `c` up to `end` of a period's `images` what of the footprints lies beyond the
+   edges. */
+DEVICE void add_edges(REAL *lit, int c, int end, int images, Edges edges, int image,
+                      __global const float *nodes, float sign) {
+    REAL last = edges.steps - 1.0f;
+    int count = (int)-LEAST(floor((edges.x - edges.steps) / edges.between));
+    for (int turn = c - image; turn < count; turn += images) {
+        int to = turn + end - c < count ? turn + end - c : count;
         for (int n = turn > 0 ? turn : 0; n < to; n++) {
-            float place = x + step * (float)n;
-            int k = (int)place;
-            k = k < steps ? k : steps - 1;
-            float t = place - (float)k;
-            float2 a = nodes[k], b = nodes[k + 1];
-            float rise = b.x - a.x;
-            float cubic = (a.y + b.y) - 2.0f * rise;
-            float value = a.x + t * (a.y + t * ((rise - a.y - cubic) + t * cubic));
-            lit[n - turn] += sign * (1.0f - value);
+            REAL place = clamp(edges.x + edges.between * (float)n, 0.0f, edges.steps);
+            REAL k = floor(min(place, last));
+            REAL t = place - k;
+            Pairs p = pairs_at(nodes, 2u * (edges.first + TO_COUNTER(k)));
+            REAL value = p.first;
+            REAL rise = p.other - value;
+            REAL cubic = (p.slope + p.other_slope) - 2.0f * rise;
+            value += t * (p.slope + t * ((rise - p.slope - cubic) + t * cubic));
+            value = (place < edges.steps ? value : 1.0f + 0.0f * value);
+            lit[n - turn] += sign - sign * value;
         }
     }
 }
 
-/* Mean over whole periods in equal steps under designs that differ in exposure alone, one plane each,
-   without noise. Pixels without a table become 0. */
-__kernel void means_of_footprints(__global float *means, __global const float2 *nodes,
-                                  __global const uint *first, __global const float *begin,
-                                  __global const float *step, __global const float *whole,
-                                  __global const Design *restrict design,
-                                  __global const float *restrict exposures, int count) {
+/* What WIDTH pixels are looked up by. */
+#define TABLES                                                                                \
+    __global const float *nodes, __global const uint *first, __global const uint *of,             \
+        __global const float *begin, __global const float *step, __global const float *steps,     \
+        __global const float *whole, __global const Design *restrict design,                     \
+        __global const float *restrict exposures, int count
+
+/* Sums of min(E, 1) over a period's images of a work-item's pixels, under designs that differ in exposure
+   alone, without noise. */
+DEVICE void sums_of_images(REAL *sums, TABLES) {
     Design d = *design;
-    size_t at = get_global_id(0);
-    size_t plane = get_global_size(0);
-    uint from = first[at];
-    int steps = (int)(first[at + 1] - from) - 1;
-    if (steps <= 0) {
-        for (int e = 0; e < count; e++) {
-            means[e * plane + at] = 0.0f;
-        }
-        return;
-    }
+    size_t at = get_global_id(0) * WIDTH;
+    COUNTER pixel = LOAD_COUNTERS(of, at);
     int images = (int)d.distinct_shifts;
-    /* Of the edges where light begins number i = j + K m is that of image j at s_j + m, j / K = s_j; in
-       steps from image to image it stands at i, the footprint's begin at `start`. */
-    float start = begin[at] * d.periods_per_mm * d.distinct_shifts;
-    float between = 1.0f / (step[at] * d.periods_per_mm * d.distinct_shifts);
-    float end = start - d.luminous_share * d.distinct_shifts;
-    float rising = -floor(-start), falling = -floor(-end);
-    int j = (int)rising % images, j_end = (int)falling % images;
-    j += j < 0 ? images : 0;
-    j_end += j_end < 0 ? images : 0;
-    int lit_images = (int)(rising - falling); /* that the footprint's begin sees lit */
-    float full = whole[at];
-    float dark = full * (d.dark_leak + d.diffuse);
-    float bright = full * (1.0f - d.dark_leak);
-    float sums[EXPOSURES];
+    /* Where light begins edge i = n + K m is that of image n, at n / K + m. From image to image it moves by
+       `between` steps of the table; the footprint begins at `start` images. Numbered from the first edge that
+       cuts it, images are others for every pixel, and their mean is the same. Where light ends edges are
+       fewer than `lead` images ahead, and those before the footprint are lit. */
+    REAL per_mm = d.periods_per_mm * d.distinct_shifts;
+    REAL start = GATHER(begin, pixel) * per_mm;
+    REAL ahead = -floor(-start) - start;
+    float luminous = d.luminous_share * d.distinct_shifts;
+    int lead = (int)luminous + 1;
+    Edges edges;
+    edges.between = 1.0f / (GATHER(step, pixel) * per_mm);
+    edges.steps = GATHER(steps, pixel);
+    edges.first = LOAD_COUNTERS(first, at);
+    edges.x = ahead * edges.between;
+    Edges ends = edges;
+    ends.x = (ahead + (luminous - (float)lead)) * edges.between;
+    REAL full = GATHER(whole, pixel);
+    REAL dark = full * (d.dark_leak + d.diffuse);
+    REAL bright = full * (1.0f - d.dark_leak);
     for (int e = 0; e < count; e++) {
         sums[e] = 0.0f;
     }
     for (int c = 0; c < images; c += IMAGES) {
-        int last = c + IMAGES < images ? c + IMAGES : images;
-        union {
-            float16 some[IMAGES / 16];
-            float one[IMAGES];
-        } lit;
-        int vectors = (last - c + 15) / 16;
-        for (int v = 0; v < vectors; v++) {
-            int16 since = c + 16 * v - j_end + NUMBERS;
-            since += since < 0 ? images : 0;
-            lit.some[v] = since < lit_images ? (float16)1.0f : (float16)0.0f;
+        int end = c + IMAGES < images ? c + IMAGES : images;
+        REAL lit[IMAGES];
+        for (int n = c; n < end; n++) {
+            lit[n - c] = n < images - lead ? 0.0f : 1.0f;
         }
-        __global const float2 *own = nodes + from;
-        add_edges(lit.one, c, last, images, j, (rising - start) * between, between, own, steps,
-                  1.0f);
-        add_edges(lit.one, c, last, images, j_end, (falling - end) * between, between, own, steps,
-                  -1.0f);
-        for (int v = 0; v < vectors; v++) {
-            lit.some[v] = c + 16 * v + NUMBERS < last ? dark + bright * lit.some[v] : 0.0f;
+        add_edges(lit, c, end, images, edges, 0, nodes, 1.0f);
+        add_edges(lit, c, end, images, ends, images - lead, nodes, -1.0f);
+        for (int n = 0; n < end - c; n++) {
+            lit[n] = dark + bright * lit[n];
+        }
+        for (int n = end - c; n % 4 != 0; n++) {
+            lit[n] = 0.0f;
         }
         for (int e = 0; e < count; e++) {
-            float16 sum = 0.0f;
-            for (int v = 0; v < vectors; v++) {
-                float16 signal = exposures[e] * lit.some[v];
-                sum += signal < 1.0f ? signal : 1.0f;
+            float gain = exposures[e];
+            REAL sum = 0.0f;
+            for (int n = 0; n < end - c; n += 4) { /* one sum of all would wait for each */
+                sum += (min(gain * lit[n], 1.0f) + min(gain * lit[n + 1], 1.0f))
+                       + (min(gain * lit[n + 2], 1.0f) + min(gain * lit[n + 3], 1.0f));
             }
-            float8 eight = sum.lo + sum.hi;
-            float4 four = eight.lo + eight.hi;
-            sums[e] += (four.x + four.y) + (four.z + four.w);
+            sums[e] += sum;
         }
     }
+}
+
+#define SUMS sums_of_images(sums, nodes, first, of, begin, step, steps, whole, design, exposures, count)
+
+/* Means over whole periods in equal steps, a plane for each exposure, in which the pixels have the
+   places `to`. */
+__kernel void means_of_footprints(__global float *means, TABLES, __global const uint *to,
+                                  uint plane) {
+    REAL sums[EXPOSURES];
+    SUMS;
     for (int e = 0; e < count; e++) {
-        means[e * plane + at] = d.full_scale * sums[e] / d.distinct_shifts;
+        REAL mean = design->full_scale * sums[e] / design->distinct_shifts;
+        for (int lane = 0; lane < WIDTH; lane++) {
+            means[e * (size_t)plane + to[get_global_id(0) * WIDTH + lane]] = LANE(mean, lane);
+        }
     }
+}
+
+/* Their levels; pixels with no place are left out. */
+__kernel void levels_of_footprints(__global uchar *levels, TABLES, __global const uint *to,
+                                   uint plane, float per_dn) {
+    REAL sums[EXPOSURES];
+    SUMS;
+    for (int e = 0; e < count; e++) {
+        REAL level = level_of(design->full_scale * sums[e] / design->distinct_shifts, per_dn);
+        for (int lane = 0; lane < WIDTH; lane++) {
+            uint place = to[get_global_id(0) * WIDTH + lane];
+            if (place != NO_PIXEL) {
+                levels[e * (size_t)plane + place] = (uchar)LANE(level, lane);
+            }
+        }
+    }
+}
+
+/* How often each level comes in sets of the same kind, and the highest of each set, exposure by exposure, the
+   first of which is that of a design. The pixels of set i are those from first[i] to first[i + 1]. */
+__kernel void count_footprints(__global uint *counts, __global uint *highest,
+                               __global const uchar *levels, __global const uint *first,
+                               __global const uint *kinds, uint plane, uint design) {
+    size_t e = get_global_id(0), set = get_global_id(1);
+    uint own[LEVELS];
+    for (int i = 0; i < LEVELS; i++) {
+        own[i] = 0u;
+    }
+    __global const uchar *level = levels + e * plane;
+    for (uint at = first[set]; at < first[set + 1]; at++) {
+        own[level[at]]++;
+    }
+    uint peak = 0u;
+    for (uint i = 0; i < LEVELS; i++) {
+        if (own[i] > 0u) {
+            atomic_add(counts + ((design + e) * KINDS + kinds[set]) * LEVELS + i, own[i]);
+            peak = i;
+        }
+    }
+    highest[(design + e) * get_global_size(1) + set] = peak;
 }

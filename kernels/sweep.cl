@@ -5,6 +5,7 @@
 #include "stripes.h"
 #include "sensor.h"
 #include "image.h"
+#include "level.h"
 
 /* The table of a sensor's noise. */
 typedef struct {
@@ -43,16 +44,6 @@ DEVICE REAL grey_of(Design d, Noise noise, Cells cells, Ray ray, __global const 
     }
     Moments m = noisy_mean_over_scan(t, d, noise, cells);
     return one_draw(m, LOAD(normal, at), d.full_scale);
-}
-
-/* Level of a grey level: of the 256 thresholds, 1 / `per_dn` apart from 0 on, how many it is above.
-   With 8 bits per pixel they are the whole grey levels, `per_dn` is 1. A level is the place of a
-   counter: what rounding puts above the last is the last, and what is no number is 0. */
-DEVICE REAL level_of(REAL grey, float per_dn) {
-    REAL level = -floor(-per_dn * grey);
-    REAL none = 0.0f, last = LEVELS - 1.0f;
-    level = (level > 0.0f ? level : none);
-    return level < last ? level : last;
 }
 
 /* Its level. */

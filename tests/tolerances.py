@@ -194,6 +194,9 @@ CREASE_MAX_DN = 2.0
 LEFT_AT_ONE_FOOTPRINT_DN = 0.05
 REFINED_RMS_DN = 0.05
 REFINED_MAX_DN = 1.2
+# Tables of footprints, from every sub-ray in every image. Measured 0.0014 and 0.055.
+FOOTPRINT_RMS_DN = 0.004
+FOOTPRINT_MAX_DN = 0.15
 # Two boxes for the Gaussian of roughness, on flawless pixels too; measured 0.474 and 0.75.
 ROUGH_RMS_DN = 0.60
 ROUGH_MAX_DN = 1.0

@@ -42,6 +42,9 @@ SUB_RAYS = 64
 LEVELS = 256
 """Levels of an aspect image: how many of as many thresholds a pixel is above."""
 
+KINDS = 3
+"""Of sets of pixels, whose levels are counted together."""
+
 LINE = 4096
 """Pixels of a long list side by side in a row of the device; a power of two."""
 
@@ -75,6 +78,7 @@ DEFINES = {
     "SUB_RAYS": f"{SUB_RAYS}",
     "TABLE_STEPS": f"{TABLE_STEPS}",
     "LEVELS": f"{LEVELS}",
+    "KINDS": f"{KINDS}",
     "CELLS_FINE": f"{CELLS_FINE}.0f",
     "CELLS_COARSE": f"{CELLS_COARSE}.0f",
     "CELLS_OFFSET": f"{CELLS_OFFSET}.0f",

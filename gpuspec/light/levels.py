@@ -107,6 +107,11 @@ class Zones:
         around = near[(truth.flat[near] == 0) & valid.flat[near]].astype(np.uint32)
         return replace(found, guard=around)
 
+    @classmethod
+    def none(cls, shape: tuple[int, int]) -> Zones:
+        """Return no zones, of an image all of which is scored."""
+        return cls(np.zeros(0, np.uint32), np.zeros(1, np.int64), np.ones(shape, np.bool_))
+
     def only(self, valid: Mask) -> Zones:
         """Return the zones without the pixels that are not valid, too."""
         kept = valid.flat[self.pixels]
@@ -220,6 +225,21 @@ class LevelCounter(Protocol):
         """Return the levels under some designs, in their order."""
 
 
+def level_image(aspect: NDArray[np.float32], full_scale_dn: float) -> NDArray[np.uint8]:
+    """Return how many of the 256 thresholds each pixel is above.
+
+    Parameters
+    ----------
+    aspect : ndarray of float32
+        Grey levels, DN.
+    full_scale_dn : float
+        Highest grey level, DN.
+    """
+    # A float32 mean of many saturated images may be a last bit above full scale.
+    level: NDArray[np.float32] = np.ceil(aspect * levels_per_dn(full_scale_dn))
+    return level.clip(0, LEVELS - 1, out=level).astype(np.uint8)
+
+
 def levels_of(aspect: NDArray[np.float32], zones: Zones, full_scale_dn: float) -> Levels:
     """Count the levels of one aspect image.
 
@@ -236,8 +256,7 @@ def levels_of(aspect: NDArray[np.float32], zones: Zones, full_scale_dn: float) -
     Levels
         Of one design.
     """
-    # A float32 mean of many saturated images may be a last bit above full scale.
-    level = np.ceil(aspect * levels_per_dn(full_scale_dn)).clip(0, LEVELS - 1).astype(np.uint8)
+    level = level_image(aspect, full_scale_dn)
     every = np.bincount(level[zones.valid], minlength=LEVELS)
     inside = level.flat[zones.pixels]
     found = Levels.empty(1, len(zones.first) - 1)

@@ -3,22 +3,83 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gpuspec.arrays import Image
+from gpuspec.light.constants import KINDS, LEVELS
+from gpuspec.light.levels import level_image
 from gpuspec.station.station import Station
+
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Sets:
+    """Some pixels of lists, set by set.
+
+    Attributes
+    ----------
+    order : ndarray of int64, shape (n,)
+        Their places in the lists, one list after another.
+    first : ndarray of int64, shape (sets + 1,)
+        Where in `order` each set begins, none of them empty, and the end.
+    kinds : ndarray of int64, shape (sets,)
+        With which others each is counted, from 0 to ``KINDS`` - 1.
+    number : ndarray of int64, shape (sets,)
+        What it is to whoever made it.
+    """
+
+    order: Ints
+    first: Ints
+    kinds: Ints
+    number: Ints
+
+
+@dataclass(frozen=True)
+class SetLevels:
+    """Levels of sets under D designs.
+
+    Attributes
+    ----------
+    counts : ndarray of int64, shape (D, KINDS, 256)
+        How often each comes.
+    highest : ndarray of int64, shape (D, sets)
+    """
+
+    counts: Ints
+    highest: Ints
+
+    @classmethod
+    def empty(cls, designs: int, sets: int) -> SetLevels:
+        """Return zeros.
+
+        Parameters
+        ----------
+        designs : int
+            D.
+        sets : int
+        """
+        counts = np.zeros((designs, KINDS, LEVELS), np.int64)
+        return cls(counts, np.zeros((designs, sets), np.int64))
 
 
 class Listed(Protocol):
     """What is asked of the light map of a list, see :class:`gpuspec.light.light_map.LightMap`."""
 
-    def under(self, station: Station) -> Station: ...
+    def under(self, station: Station) -> Station:
+        """Return the traced station under another's light."""
+
+    def mean(self, station: Station | None = None) -> Image:
+        """Return the mean of all images."""
 
     def means_of_exposures(
         self, station: Station, exposures: Sequence[float]
-    ) -> NDArray[np.float32]: ...
+    ) -> NDArray[np.float32]:
+        """Return noise-free means."""
 
 
 Part = TypeVar("Part", bound=Listed)
@@ -54,3 +115,45 @@ class Lists(Generic[Part]):
         """
         means = [part.means_of_exposures(part.under(station), exposures) for part in self.parts]
         return np.concatenate([own[:, 0] for own in means], axis=1)
+
+    def count(self, stations: Sequence[Station], sets: Sets) -> SetLevels:
+        """Count levels of aspect images, or of ones with all their noise.
+
+        Parameters
+        ----------
+        stations : sequence of Station
+            Designs of one geometry.
+        sets : Sets
+        """
+        found = SetLevels.empty(len(stations), len(sets.kinds))
+        for group in alike(stations):
+            first = stations[group[0]]
+            if first.sensor.noise:
+                images = np.stack([self._drawn(stations[i]) for i in group])
+            else:
+                exposures = [stations[i].sensor.exposure for i in group]
+                images = self.means_of_exposures(first, exposures)
+            levels = level_image(images[:, sets.order], first.sensor.full_scale_dn)
+            for kind, start, end in zip(sets.kinds, sets.first, sets.first[1:], strict=False):
+                for i, level in zip(group, levels[:, start:end], strict=True):
+                    found.counts[i, kind] += np.bincount(level, minlength=LEVELS)
+            if len(sets.order):
+                found.highest[group] = np.maximum.reduceat(levels, sets.first[:-1], axis=1)
+        return found
+
+    def _drawn(self, station: Station) -> NDArray[np.float32]:
+        return self.each(lambda part: part.mean(part.under(station)))
+
+
+def alike(stations: Sequence[Station]) -> list[list[int]]:
+    """Return the numbers of designs that differ in exposure alone, together.
+
+    Parameters
+    ----------
+    stations : sequence of Station
+    """
+    groups: dict[object, list[int]] = {}
+    for i, station in enumerate(stations):
+        sensor = station.sensor.model_copy(update={"exposure": 1.0})
+        groups.setdefault((station.tunnel, station.sequence, sensor), []).append(i)
+    return list(groups.values())

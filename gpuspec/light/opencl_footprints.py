@@ -11,17 +11,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.light.constants import EXPOSURES, SUB_RAYS, TABLE_STEPS
+from gpuspec.light.constants import (
+    EXPOSURES,
+    NO_PIXEL,
+    SUB_RAYS,
+    TABLE_STEPS,
+)
+from gpuspec.light.levels import levels_per_dn
 from gpuspec.light.light_map import LightMap
-from gpuspec.light.lists import Lists
+from gpuspec.light.lists import Lists, SetLevels, Sets, alike
 from gpuspec.light.records import design_block
 from gpuspec.station.station import Station
 
 BOUND = 0.004
 """Of what a cubic of a table may be off, see `measure_footprints`: so bounded, of 255 grey levels
 rms 0.003, of 1 pixel in 200 more than 0.02, on hard designs. At 0.01 it is rms 0.015."""
-
-_GROUP = 64
 
 
 def can_be_tables(parts: Sequence[Any]) -> bool:
@@ -44,76 +48,166 @@ class FootprintLists(Lists[LightMap]):
 
     def __init__(self, parts: Sequence[LightMap]) -> None:
         super().__init__(parts)
-        self._tables: _Tables | None = None
+        self._known: _Tables | None = None
+        self._counted: _Counted | None = None
 
     def means_of_exposures(
         self, station: Station, exposures: Sequence[float]
     ) -> NDArray[np.float32]:
         """See :meth:`Lists.means_of_exposures`; the tables are laid when first asked for."""
-        first: Any = self.parts[0]
-        with first.failures():
-            if self._tables is None:
-                self._tables = _Tables(self.parts)
-            return self._tables.means(first.lit_by(first.under(station)), exposures)
+        with self.parts[0].failures():
+            return self._tables(station).means(station, exposures)
+
+    def count(self, stations: Sequence[Station], sets: Sets) -> SetLevels:
+        """See :meth:`Lists.count`."""
+        with self.parts[0].failures():
+            tables = self._tables(stations[0])
+            if tables.beyond or any(station.sensor.noise for station in stations):
+                return super().count(stations, sets)
+            if self._counted is None or self._counted.sets is not sets:
+                self._counted = _Counted(tables, sets)
+            return self._counted.under(stations)
+
+    def _tables(self, station: Station) -> _Tables:
+        first = self.parts[0]
+        first.lit_by(first.under(station))
+        if self._known is None:
+            self._known = _Tables(self.parts)
+        return self._known
 
 
 class _Tables:
     """The tables of lists, in one buffer, and the light maps of the pixels that none holds."""
 
     def __init__(self, parts: Sequence[Any]) -> None:
-        self._backend = b = parts[0].backend
+        self.backend = b = parts[0].backend
+        width = b.widths["footprints.cl"]
+        # A CPU's driver gives each work-item of a group a stack of its own.
+        self.group = (1,) if width > 1 else None
         tiles = [next(part.bands())[0] for part in parts]
-        counts = [part.stride * part.grid[0] for part in parts]
-        begins = np.concatenate([[0], np.cumsum(counts)])
-        self._count = int(begins[-1])
-        begin, step, steps, whole = (b.empty(4 * self._count) for _ in range(4))
-        for part, tile, at, count in zip(parts, tiles, begins, counts, strict=False):
+        sizes = [part.stride * part.grid[0] for part in parts]
+        begins = np.cumsum([0, *sizes])
+        begin, step, steps, whole = (b.empty(4 * int(begins[-1])) for _ in range(4))
+        for part, tile, own, size in zip(parts, tiles, begins, sizes, strict=False):
             b.start(
-                "footprints.cl", "measure_footprints",
-                (count // b.widths["footprints.cl"],), begin, step, steps, whole,
-                *tile.planes, np.int32(part.station.camera.sub_rays), np.uint32(at),
+                "footprints.cl", "measure_footprints", (size // width,), begin, step, steps, whole,
+                *tile.planes, np.int32(part.station.camera.sub_rays), np.uint32(own),
                 np.float32(BOUND),
             )  # fmt: skip
-        needed = np.empty(self._count, np.float32)
+        needed = np.empty(begins[-1], np.float32)
         b.copy_home(needed, steps)
-        first = np.zeros(self._count + 1, np.uint32)
-        np.cumsum(np.where(needed <= TABLE_STEPS, needed + (needed > 0), 0), out=first[1:])
-        self._first, self._measures = b.constant(first), (begin, step, whole)
-        self._nodes = b.empty(max(8 * int(first[-1]), 8))
-        for part, tile, at, count in zip(parts, tiles, begins, counts, strict=False):
+        first = np.zeros(len(needed) + 1, np.uint32)
+        np.cumsum(np.where(needed <= TABLE_STEPS, needed + 1, 0), out=first[1:])
+        self.nodes = b.empty(8 * int(first[-1]))
+        firsts = b.constant(first)
+        for part, tile, own, size in zip(parts, tiles, begins, sizes, strict=False):
             b.start(
-                "footprints.cl", "lay_footprints", (count // b.widths["footprints.cl"],),
-                self._nodes, *tile.planes, self._first, *self._measures,
-                np.int32(part.station.camera.sub_rays), np.uint32(at), group=(1,),
+                "footprints.cl", "lay_footprints", (size // width,), self.nodes, *tile.planes,
+                firsts, begin, step, whole, np.int32(part.station.camera.sub_rays), np.uint32(own),
+                group=self.group,
             )  # fmt: skip
-        self._own = [slice(at, at + part.shape[1]) for part, at in zip(parts, begins, strict=False)]
-        self._beyond = []
-        total = 0
-        for part, own in zip(parts, self._own, strict=True):
-            far = np.flatnonzero(needed[own] > TABLE_STEPS)
-            if len(far):
-                listed = part.again(part.station, part.pixels[far])
-                self._beyond.append((total + far, listed))
-            total += part.shape[1]
+        ends = np.cumsum([0, *(part.shape[1] for part in parts)])
+        self.pixels = int(ends[-1])
+        own = np.concatenate(
+            [np.arange(n) + at for n, at in zip(np.diff(ends), begins, strict=False)]
+        )
+        # Pixels whose footprints take as many steps are neighbours: they meet as many edges.
+        taken = needed[own].clip(0, TABLE_STEPS + 1).astype(np.uint16)
+        order = np.argsort(taken, kind="stable").astype(np.uint32)
+        held = int(np.count_nonzero(taken <= TABLE_STEPS))
+        order = np.pad(order[:held], (0, -held % width), mode="edge")
+        self.vectors = len(order) // width
+        self.places = order
+        """Of the pixels in the lists, as they lie side by side on the device."""
+        self.laid = tuple(
+            b.constant(numbers.astype(np.uint32)) for numbers in (first[own[order]], own[order])
+        )
+        self.planes = begin, step, steps, whole
+        self._to = b.constant(order)
+        self.beyond = []
+        far = taken > TABLE_STEPS
+        for part, start, end in zip(parts, ends, ends[1:], strict=False):
+            places = np.flatnonzero(far[start:end])
+            if len(places):
+                listed = part.again(part.station, part.pixels[places])
+                self.beyond.append((start + places, listed))
+
+    def start(
+        self, kernel: str, out: Any, station: Station, exposures: Sequence[float], *more: Any
+    ) -> None:
+        """Start a kernel that looks at all of them.
+
+        Parameters
+        ----------
+        kernel : str
+        out : Buffer
+        station : Station
+        exposures : sequence of float
+            ``EXPOSURES`` at most.
+        *more
+            What else the kernel takes.
+        """
+        b = self.backend
+        design = b.constant(design_block(station))
+        gains, count = b.constant(np.array(exposures, np.float32)), np.int32(len(exposures))
+        images = np.full(self.vectors, float(b.widths["footprints.cl"]) * station.sequence.images)
+        for some in b.launches("footprints", images):
+            b.start(
+                "footprints.cl", kernel, (some.stop - some.start,), out, self.nodes, *self.laid,
+                *self.planes, design, gains, count, *more,
+                offset=(some.start,), group=self.group,
+            )  # fmt: skip
 
     def means(self, station: Station, exposures: Sequence[float]) -> NDArray[np.float32]:
         """See :meth:`Lists.means_of_exposures`."""
-        b = self._backend
-        design = b.constant(design_block(station))
-        found = []
-        grey = b.empty(4 * min(len(exposures), EXPOSURES) * self._count)
+        b = self.backend
+        seen = np.empty((len(exposures), self.pixels), np.float32)
+        grey = b.empty(4 * min(len(exposures), EXPOSURES) * self.pixels)
         for first in range(0, len(exposures), EXPOSURES):
-            some = np.array(exposures[first : first + EXPOSURES], np.float32)
-            b.start(
-                "footprints.cl", "means_of_footprints", (self._count,), grey, self._nodes,
-                self._first, *self._measures, design, b.constant(some), np.int32(len(some)),
-                group=(_GROUP,),
-            )  # fmt: skip
-            means = np.empty((len(some), self._count), np.float32)
-            b.copy_home(means, grey)
-            found.append(np.concatenate([means[:, own] for own in self._own], axis=1))
-        seen = np.concatenate(found)
-        for places, light_map in self._beyond:
+            some = exposures[first : first + EXPOSURES]
+            self.start("means_of_footprints", grey, station, some, self._to, np.uint32(self.pixels))
+            b.copy_home(seen[first : first + len(some)], grey)
+        for places, light_map in self.beyond:
             own = light_map.means_of_exposures(light_map.under(station), exposures)
             seen[:, places] = own[:, 0]
         return seen
+
+
+class _Counted:
+    """Sets of pixels whose levels the device counts."""
+
+    def __init__(self, tables: _Tables, sets: Sets) -> None:
+        self._tables, self.sets = tables, sets
+        self._backend = b = tables.backend
+        self._pixels = np.uint32(len(sets.order))
+        to = np.full(tables.pixels, NO_PIXEL, np.uint32)
+        to[sets.order] = np.arange(self._pixels)
+        self._to = b.constant(to[tables.places])
+        self._sets = tuple(b.constant(a.astype(np.uint32)) for a in (sets.first, sets.kinds))
+
+    def under(self, stations: Sequence[Station]) -> SetLevels:
+        """See :meth:`Lists.count`."""
+        b, sets = self._backend, len(self.sets.kinds)
+        found = SetLevels.empty(len(stations), sets)
+        if not sets:
+            return found
+        levels = b.empty(EXPOSURES * int(self._pixels))
+        counts, highest = (np.zeros(a.shape, np.uint32) for a in (found.counts, found.highest))
+        counters, peaks = b.counters(*counts.shape), b.counters(*highest.shape)
+        done: list[int] = []
+        for group in alike(stations):
+            for some in np.split(group, range(EXPOSURES, len(group), EXPOSURES)):
+                own = [stations[i] for i in some]
+                self._tables.start(
+                    "levels_of_footprints", levels, own[0], [s.sensor.exposure for s in own],
+                    self._to, self._pixels, levels_per_dn(own[0].sensor.full_scale_dn),
+                )  # fmt: skip
+                b.start(
+                    "footprints.cl", "count_footprints", (len(some), sets), counters, peaks,
+                    levels, *self._sets, self._pixels, np.uint32(len(done)),
+                )  # fmt: skip
+                done += some.tolist()
+        b.copy_home(counts, counters, wait=False)
+        b.copy_home(highest, peaks)
+        found.counts[done], found.highest[done] = counts, highest
+        return found

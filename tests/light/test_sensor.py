@@ -8,6 +8,8 @@ from device import LANES, Device
 from laws import GROUPS, Draws, close, holds, rounded, shared, stacked, struct
 from scipy.stats import poisson
 
+from gpuspec.light.levels import levels_per_dn, thresholds
+
 SENSOR = ("station.h", "sensor.h")
 
 
@@ -23,6 +25,24 @@ def pcg4d(column: int, row: int, image: int, seed: int) -> tuple[int, ...]:
         if not last:
             x, y, z, w = (v ^ (v >> 16) for v in (x, y, z, w))
     return x, y, z, w
+
+
+@holds("level_of", wrong=("-floor(-per_dn * grey)", "floor(per_dn * grey)"))
+def test_a_level_is_how_many_thresholds_a_pixel_is_above(device: Device) -> None:
+    d = Draws(29)
+    for bits in (8, 12):
+        scale = 2.0**bits - 1
+        grey = d.pixel(-0.01 * scale, 1.01 * scale)
+        grey[0, :2] = np.nan, 1e30
+        grey[1:] = np.where(
+            d.pixel(0, 1)[1:] < 0.2, thresholds(scale)[grey[1:].astype(int) % 256], grey[1:]
+        )
+        inputs = {"REAL grey": grey, **shared(per_dn=np.full((GROUPS, 1), levels_per_dn(scale)))}
+        (got,) = device.call(
+            ("level.h",), "REAL level = level_of(grey, per_dn);", inputs, ("level",)
+        )
+        above = (grey[..., None] > thresholds(scale)[:-1]).sum(axis=-1)
+        np.testing.assert_array_equal(got, above)
 
 
 @holds("random_words", wrong=("v.d ^= v.d >> 16u;", ""))
