@@ -26,6 +26,7 @@ _TWICE = {
     Lost.HIDDEN: "another piece of it is before it, seen from the camera",
     Lost.AGAIN: "its rays meet the part again, and a second reflection is not followed",
 }
+_SOME = 251  # pixels from one that is looked at first to the next
 _GRID = 33  # points along each side of the part, for rays to the tunnel's end
 
 
@@ -53,7 +54,12 @@ def of_pattern(light_map: LightMap, lit: Mask, aspect: Image) -> list[str]:
         first = light_map.mean(station.model_copy(update={"sequence": alone}))
 
         def same(other: Image) -> bool:
-            return float(np.abs(other - first).max(where=lit, initial=0.0)) < 1e-3 * full
+            # Some pixels mostly tell that it is not.
+            for some in (slice(None, None, _SOME), slice(None)):
+                apart = np.abs(other.flat[some] - first.flat[some])
+                if float((apart * lit.flat[some]).max(initial=0.0)) >= 1e-3 * full:
+                    return False
+            return True
 
         # The mean of all is there, and mostly tells.
         still = station.sequence.fusion != "mean" or same(aspect)
@@ -84,7 +90,9 @@ def of_light(station: Station, lost: NDArray[np.uint8], truth: Truth | None = No
     truth : Truth, optional
         To say how many defects are wholly dark.
     """
-    return of_losses(station, np.bincount(lost.ravel(), minlength=len(Lost)), lost, truth)
+    # Bytes are counted code by code ten times as fast as by bincount, which makes whole numbers of them.
+    codes = np.array([np.count_nonzero(lost == code) for code in range(int(lost.max()) + 1)])
+    return of_losses(station, np.pad(codes, (0, len(Lost) - len(codes))), lost, truth)
 
 
 def of_losses(
