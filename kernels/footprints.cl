@@ -5,8 +5,19 @@
    where it cuts the footprint. */
 #include "portable.h"
 #include "station.h"
-#include "light_map.h"
+#include "stripes.h"
+#include "sensor.h"
+#include "image.h"
 #include "level.h"
+
+/* The table of a sensor's noise. */
+typedef struct {
+    __global const float *entries;
+    float last;
+} Cells;
+
+#define CELL(cells, i) four_at((cells).entries, TO_COUNTER(4.0f * (i)))
+#include "noise.h"
 
 /* Nodes of a pixel that are worked out together. */
 #define NODES 16
@@ -119,41 +130,6 @@ __kernel void lay_footprints(__global float2 *nodes, LIGHT_MAP(const), __global 
     }
 }
 
-/* Two neighbouring nodes of each of WIDTH tables. */
-typedef struct {
-    REAL first;
-    REAL slope;
-    REAL other;
-    REAL other_slope;
-} Pairs;
-
-#if WIDTH > 1
-typedef float4 Pair __attribute__((aligned(8)));
-#define PAIR(i) (*(__global const Pair *)(nodes + at.s##i))
-#define FOUR_PAIRS(i, j, k, l) ((float16)(PAIR(i), PAIR(j), PAIR(k), PAIR(l)))
-#if WIDTH == 16
-#define TURNED(q, s) ((REAL)(q[0].s, q[1].s, q[2].s, q[3].s))
-#else
-#define TURNED(q, s) ((REAL)(q[0].s, q[1].s))
-#endif
-#endif
-
-DEVICE Pairs pairs_at(__global const float *nodes, COUNTER at) {
-#if WIDTH > 1
-    float16 q[WIDTH / 4];
-    q[0] = FOUR_PAIRS(0, 1, 2, 3);
-    q[1] = FOUR_PAIRS(4, 5, 6, 7);
-#if WIDTH == 16
-    q[2] = FOUR_PAIRS(8, 9, a, b);
-    q[3] = FOUR_PAIRS(c, d, e, f);
-#endif
-    Pairs p = {TURNED(q, s048c), TURNED(q, s159d), TURNED(q, s26ae), TURNED(q, s37bf)};
-#else
-    Pairs p = {nodes[at], nodes[at + 1], nodes[at + 2], nodes[at + 3]};
-#endif
-    return p;
-}
-
 /* Edges of the stripes before WIDTH footprints: number n stands at x + n `between`, in steps of their
    tables, in image number n + `image` of a period. */
 typedef struct {
@@ -175,30 +151,79 @@ DEVICE void add_edges(REAL *lit, int c, int end, int images, Edges edges, int im
             REAL place = clamp(edges.x + edges.between * (float)n, 0.0f, edges.steps);
             REAL k = floor(min(place, last));
             REAL t = place - k;
-            Pairs p = pairs_at(nodes, 2u * (edges.first + TO_COUNTER(k)));
-            REAL value = p.first;
-            REAL rise = p.other - value;
-            REAL cubic = (p.slope + p.other_slope) - 2.0f * rise;
-            value += t * (p.slope + t * ((rise - p.slope - cubic) + t * cubic));
+            Four pair = four_at(nodes, 2u * (edges.first + TO_COUNTER(k)));
+            REAL value = pair.a, slope = pair.b;
+            REAL rise = pair.c - value;
+            REAL cubic = (slope + pair.d) - 2.0f * rise;
+            value += t * (slope + t * ((rise - slope - cubic) + t * cubic));
             value = (place < edges.steps ? value : 1.0f + 0.0f * value);
             lit[n - turn] += sign - sign * value;
         }
     }
 }
 
-/* What WIDTH pixels are looked up by. */
+/* Grey levels of WIDTH pixels under designs that differ in exposure alone, added up over a period's
+   images: without noise E up to 1; else means and variances. */
+typedef struct {
+    REAL mean[EXPOSURES];
+    REAL variance[EXPOSURES];
+} Sums;
+
+DEVICE void add_images(Sums *sums, Design d, REAL *seen, int images,
+                       __global const float *exposures, int count) {
+    for (int n = images; n % 4 != 0; n++) {
+        seen[n] = 0.0f;
+    }
+    for (int e = 0; e < count; e++) {
+        float gain = exposures[e];
+        REAL sum = 0.0f;
+        for (int n = 0; n < images; n += 4) { /* one sum of all would wait for each */
+            sum += (min(gain * seen[n], 1.0f) + min(gain * seen[n + 1], 1.0f))
+                   + (min(gain * seen[n + 2], 1.0f) + min(gain * seen[n + 3], 1.0f));
+        }
+        sums->mean[e] += sum;
+    }
+}
+
+DEVICE void add_noisy_images(Sums *sums, Design d, REAL *seen, int images,
+                             __global const float *exposures, int count, Normals pattern,
+                             Cells cells) {
+    float dn = d.full_scale - d.black_level;
+    float shot = 1.0f / d.saturation;
+    float read = d.read_noise * d.read_noise * shot * shot;
+    REAL none = 0.0f;
+    REAL own = max(1.0f + d.prnu * pattern.first, 0.0f);
+    REAL dark = max(d.dark_signal + d.dsnu * pattern.second, 0.0f) * shot;
+    for (int e = 0; e < count; e++) {
+        REAL gain = own * exposures[e];
+        for (int n = 0; n < images; n++) {
+            REAL signal = gain * seen[n] + dark;
+            Excess excess = cell_excess(cells, place_of(signal));
+            REAL even = dn * dn * (shot * signal + read) + 1.0f / 12.0f;
+            sums->mean[e] += dn * min(signal, 1.0f) + excess.mean;
+            sums->variance[e] += (signal < 1.0f ? even : none) + excess.variance;
+        }
+    }
+}
+
+/* What WIDTH pixels are looked up by; `number` is their place in an image of so many columns. */
 #define TABLES                                                                                \
     __global const float *nodes, __global const uint *first, __global const uint *of,             \
-        __global const float *begin, __global const float *step, __global const float *steps,     \
-        __global const float *whole, __global const Design *restrict design,                     \
+        __global const uint *number, uint columns, __global const float *begin,                  \
+        __global const float *step, __global const float *steps, __global const float *whole,    \
+        __global const float *entries, float last, __global const Design *restrict design,       \
         __global const float *restrict exposures, int count
+#define LOOKED_UP                                                                             \
+    nodes, first, of, number, columns, begin, step, steps, whole, entries, last, design,           \
+        exposures, count
 
-/* Sums of min(E, 1) over a period's images of a work-item's pixels, under designs that differ in exposure
-   alone, without noise. */
-DEVICE void sums_of_images(REAL *sums, TABLES) {
+DEVICE Sums sums_of_images(TABLES) {
     Design d = *design;
+    Cells cells = {entries, last};
     size_t at = get_global_id(0) * WIDTH;
     COUNTER pixel = LOAD_COUNTERS(of, at);
+    COUNTER row = LOAD_COUNTERS(number, at) / columns;
+    Normals pattern = fixed_pattern(d, LOAD_COUNTERS(number, at) - row * columns, row);
     int images = (int)d.distinct_shifts;
     /* Where light begins edge i = n + K m is that of image n, at n / K + m. From image to image it moves by
        `between` steps of the table; the footprint begins at `start` images. Numbered from the first edge that
@@ -219,58 +244,80 @@ DEVICE void sums_of_images(REAL *sums, TABLES) {
     REAL full = GATHER(whole, pixel);
     REAL dark = full * (d.dark_leak + d.diffuse);
     REAL bright = full * (1.0f - d.dark_leak);
+    Sums sums;
     for (int e = 0; e < count; e++) {
-        sums[e] = 0.0f;
+        sums.mean[e] = 0.0f;
+        sums.variance[e] = 0.0f;
     }
     for (int c = 0; c < images; c += IMAGES) {
         int end = c + IMAGES < images ? c + IMAGES : images;
-        REAL lit[IMAGES];
+        REAL seen[IMAGES];
         for (int n = c; n < end; n++) {
-            lit[n - c] = n < images - lead ? 0.0f : 1.0f;
+            seen[n - c] = n < images - lead ? 0.0f : 1.0f;
         }
-        add_edges(lit, c, end, images, edges, 0, nodes, 1.0f);
-        add_edges(lit, c, end, images, ends, images - lead, nodes, -1.0f);
+        add_edges(seen, c, end, images, edges, 0, nodes, 1.0f);
+        add_edges(seen, c, end, images, ends, images - lead, nodes, -1.0f);
         for (int n = 0; n < end - c; n++) {
-            lit[n] = dark + bright * lit[n];
+            seen[n] = dark + bright * seen[n];
         }
-        for (int n = end - c; n % 4 != 0; n++) {
-            lit[n] = 0.0f;
+        if (d.noise == 0.0f) {
+            add_images(&sums, d, seen, end - c, exposures, count);
+        } else {
+            add_noisy_images(&sums, d, seen, end - c, exposures, count, pattern, cells);
         }
-        for (int e = 0; e < count; e++) {
-            float gain = exposures[e];
-            REAL sum = 0.0f;
-            for (int n = 0; n < end - c; n += 4) { /* one sum of all would wait for each */
-                sum += (min(gain * lit[n], 1.0f) + min(gain * lit[n + 1], 1.0f))
-                       + (min(gain * lit[n + 2], 1.0f) + min(gain * lit[n + 3], 1.0f));
-            }
-            sums[e] += sum;
-        }
+    }
+    return sums;
+}
+
+DEVICE Moments moments_of(Sums *sums, Design d, int e) {
+    Moments m;
+    m.mean = d.black_level + sums->mean[e] / d.distinct_shifts;
+    m.variance = max(sums->variance[e], 0.0f) / (d.distinct_shifts * d.images);
+    return m;
+}
+
+/* The aspect image or, with noise, one draw of it, see `one_draw`. */
+DEVICE REAL grey_of(Sums *sums, Design d, int e, __global const uint *number, uint columns) {
+    if (d.noise == 0.0f) {
+        return d.full_scale * sums->mean[e] / d.distinct_shifts;
+    }
+    COUNTER own = LOAD_COUNTERS(number, get_global_id(0) * WIDTH);
+    COUNTER row = own / columns;
+    REAL normal = normal_of(d, own - row * columns, row);
+    return one_draw(moments_of(sums, d, e), normal, d.full_scale);
+}
+
+/* Stores a value of each of a work-item's pixels at its place in a plane. */
+DEVICE void scatter(REAL value, __global float *plane, __global const uint *to) {
+    for (int lane = 0; lane < WIDTH; lane++) {
+        plane[to[get_global_id(0) * WIDTH + lane]] = LANE(value, lane);
     }
 }
 
-#define SUMS sums_of_images(sums, nodes, first, of, begin, step, steps, whole, design, exposures, count)
-
-/* Means over whole periods in equal steps, a plane for each exposure, in which the pixels have the
-   places `to`. */
+/* Aspect images over whole periods in equal steps, a plane of `plane` pixels for each exposure. */
 __kernel void means_of_footprints(__global float *means, TABLES, __global const uint *to,
                                   uint plane) {
-    REAL sums[EXPOSURES];
-    SUMS;
+    Sums sums = sums_of_images(LOOKED_UP);
     for (int e = 0; e < count; e++) {
-        REAL mean = design->full_scale * sums[e] / design->distinct_shifts;
-        for (int lane = 0; lane < WIDTH; lane++) {
-            means[e * (size_t)plane + to[get_global_id(0) * WIDTH + lane]] = LANE(mean, lane);
-        }
+        scatter(grey_of(&sums, *design, e, number, columns), means + e * (size_t)plane, to);
     }
 }
 
-/* Their levels; pixels with no place are left out. */
+/* Mean and standard deviation of such a one with noise over all its draws, a plane each. */
+__kernel void moments_of_footprints(__global float *planes, TABLES, __global const uint *to,
+                                    uint plane) {
+    Sums sums = sums_of_images(LOOKED_UP);
+    Moments m = moments_of(&sums, *design, 0);
+    scatter(m.mean, planes, to);
+    scatter(sqrt(m.variance), planes + plane, to);
+}
+
+/* Levels of aspect images; pixels with no place are left out. */
 __kernel void levels_of_footprints(__global uchar *levels, TABLES, __global const uint *to,
                                    uint plane, float per_dn) {
-    REAL sums[EXPOSURES];
-    SUMS;
+    Sums sums = sums_of_images(LOOKED_UP);
     for (int e = 0; e < count; e++) {
-        REAL level = level_of(design->full_scale * sums[e] / design->distinct_shifts, per_dn);
+        REAL level = level_of(grey_of(&sums, *design, e, number, columns), per_dn);
         for (int lane = 0; lane < WIDTH; lane++) {
             uint place = to[get_global_id(0) * WIDTH + lane];
             if (place != NO_PIXEL) {

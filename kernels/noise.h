@@ -1,7 +1,7 @@
 /* Noise in closed form: mean and variance of the noisy aspect image over all its draws, from the
    exposures of its images. What the sensor makes of one signal stands in a table of cells; the
-   including program has a struct `Cells` with the number of the last in `last`, and fetches number k
-   of the four in cell i by CELL(cells, i, k), i an integer as a REAL. */
+   including program has a struct `Cells` with the number of the last in `last`, and fetches cell i by
+   CELL(cells, i), i an integer as a REAL: two values, each with its rise. */
 #ifndef NOISE_H
 #define NOISE_H
 
@@ -32,9 +32,10 @@ DEVICE Excess cell_excess(Cells cells, REAL place) {
     place = clamp(place, 0.0f, cells.last);
     REAL begin = floor(place);
     REAL share = place - begin;
+    Four cell = CELL(cells, begin);
     Excess e;
-    e.mean = CELL(cells, begin, 0) + share * CELL(cells, begin, 1);
-    e.variance = CELL(cells, begin, 2) + share * CELL(cells, begin, 3);
+    e.mean = cell.a + share * cell.b;
+    e.variance = cell.c + share * cell.d;
     return e;
 }
 

@@ -142,4 +142,36 @@ typedef float Packed __attribute__((vector_size(4 * WIDTH)));
 #endif
 
 #endif
+
+/* Four values of each pixel. */
+STRUCT(Four) {
+    REAL a;
+    REAL b;
+    REAL c;
+    REAL d;
+};
+
+#ifndef GPUSPEC_GLSL
+
+/* The four floats from place i of each pixel on: one load of all, and they are turned. */
+DEVICE Four four_at(__global const float *p, COUNTER i) {
+#if WIDTH > 1
+#define ROW(k) (*(__global const LooseFour *)(p + i.s##k))
+#define ROWS(k, l, m, n) ((float16)(ROW(k), ROW(l), ROW(m), ROW(n)))
+    typedef float4 LooseFour __attribute__((aligned(4)));
+    float16 first = ROWS(0, 1, 2, 3), second = ROWS(4, 5, 6, 7);
+#if WIDTH == 16
+#define TURNED(s) ((REAL)(first.s, second.s, third.s, fourth.s))
+    float16 third = ROWS(8, 9, a, b), fourth = ROWS(c, d, e, f);
+#else
+#define TURNED(s) ((REAL)(first.s, second.s))
+#endif
+    Four four = {TURNED(s048c), TURNED(s159d), TURNED(s26ae), TURNED(s37bf)};
+#else
+    Four four = {p[i], p[i + 1], p[i + 2], p[i + 3]};
+#endif
+    return four;
+}
+
+#endif
 #endif

@@ -27,7 +27,7 @@ typedef struct {
     float last;
 } Cells;
 
-#define CELL(cells, i, k) GATHER((cells).entries + (k), TO_COUNTER(4.0f * (i)))
+#define CELL(cells, i) four_at((cells).entries, TO_COUNTER(4.0f * (i)))
 #include "noise.h"
 
 /* What a work-item starts from: its pixels, and where in the launch's grey levels they stand. */

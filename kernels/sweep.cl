@@ -13,7 +13,7 @@ typedef struct {
     float last;
 } Cells;
 
-#define CELL(cells, i, k) GATHER((cells).entries + (k), TO_COUNTER(4.0f * (i)))
+#define CELL(cells, i) four_at((cells).entries, TO_COUNTER(4.0f * (i)))
 #include "noise.h"
 
 /* Of pixels with noise: their normal numbers, for a draw, their gain and their dark signal. */

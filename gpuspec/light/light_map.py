@@ -408,7 +408,18 @@ class LightMap(ABC):
         '137.1 DN, its images 137.1 DN'
         """
         station = self.noisy(station)
-        return drawn(self.moments(station), station, *self._every_place()).astype(np.float32)
+        return self.draw_of(self.moments(station), station)
+
+    def draw_of(self, moments: Moments, station: Station) -> Image:
+        """Return one draw of an aspect image whose moments are known, in DN.
+
+        Parameters
+        ----------
+        moments : Moments
+            Of all pixels.
+        station : Station
+        """
+        return drawn(moments, station, *self._every_place()).astype(np.float32)
 
     def counted(self, station: Station | None = None) -> Image:
         """Return the image whose levels sweeps count: one draw of noise, else the aspect image."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gpuspec.arrays import Image
 from gpuspec.light.constants import KINDS, LEVELS
+from gpuspec.light.float64_noise import Moments
 from gpuspec.light.levels import level_image
 from gpuspec.station.station import Station
 
@@ -73,16 +74,31 @@ class Listed(Protocol):
     def under(self, station: Station) -> Station:
         """Return the traced station under another's light."""
 
-    def mean(self, station: Station | None = None) -> Image:
-        """Return the mean of all images."""
-
     def means_of_exposures(
         self, station: Station, exposures: Sequence[float]
     ) -> NDArray[np.float32]:
         """Return noise-free means."""
 
+    def summed_moments(self, station: Station) -> Moments:
+        """Return mean and deviation of the noisy mean."""
+
+    def draw_of(self, moments: Moments, station: Station) -> Image:
+        """Return one draw of an image whose moments are known."""
+
 
 Part = TypeVar("Part", bound=Listed)
+
+
+def one_draw(part: Listed, station: Station) -> Image:
+    """Return one draw of a list's noisy mean, with any number of sub-rays, shape (1, pixels).
+
+    Parameters
+    ----------
+    part : LightMap
+    station : Station
+    """
+    own = part.under(station)
+    return part.draw_of(part.summed_moments(own), own)
 
 
 class Lists(Generic[Part]):
@@ -116,8 +132,20 @@ class Lists(Generic[Part]):
         means = [part.means_of_exposures(part.under(station), exposures) for part in self.parts]
         return np.concatenate([own[:, 0] for own in means], axis=1)
 
+    def one_draw(self, station: Station) -> NDArray[np.float32]:
+        """Return one draw of their noisy mean, shape (n,); see :meth:`LightMap.one_draw`."""
+        return self.each(lambda part: one_draw(part, station))
+
+    def moments(self, station: Station) -> Moments:
+        """Return mean and deviation of that mean over all its draws, each of shape (n,)."""
+        own = [part.summed_moments(part.under(station)) for part in self.parts]
+        mean, deviation = (
+            np.concatenate([getattr(one, name)[0] for one in own]) for name in ("mean", "deviation")
+        )
+        return Moments(mean, deviation)
+
     def count(self, stations: Sequence[Station], sets: Sets) -> SetLevels:
-        """Count levels of aspect images, or of ones with all their noise.
+        """Count levels of aspect images or, with noise, of one draw of them.
 
         Parameters
         ----------
@@ -129,7 +157,7 @@ class Lists(Generic[Part]):
         for group in alike(stations):
             first = stations[group[0]]
             if first.sensor.noise:
-                images = np.stack([self._drawn(stations[i]) for i in group])
+                images = np.stack([self.one_draw(stations[i]) for i in group])
             else:
                 exposures = [stations[i].sensor.exposure for i in group]
                 images = self.means_of_exposures(first, exposures)
@@ -140,9 +168,6 @@ class Lists(Generic[Part]):
             if len(sets.order):
                 found.highest[group] = np.maximum.reduceat(levels, sets.first[:-1], axis=1)
         return found
-
-    def _drawn(self, station: Station) -> NDArray[np.float32]:
-        return self.each(lambda part: part.mean(part.under(station)))
 
 
 def alike(stations: Sequence[Station]) -> list[list[int]]:

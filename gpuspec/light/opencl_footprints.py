@@ -17,9 +17,11 @@ from gpuspec.light.constants import (
     SUB_RAYS,
     TABLE_STEPS,
 )
+from gpuspec.light.float64_noise import Moments
 from gpuspec.light.levels import levels_per_dn
 from gpuspec.light.light_map import LightMap
-from gpuspec.light.lists import Lists, SetLevels, Sets, alike
+from gpuspec.light.lists import Lists, SetLevels, Sets, alike, one_draw
+from gpuspec.light.opencl_levels import device_noise
 from gpuspec.light.records import design_block
 from gpuspec.station.station import Station
 
@@ -58,11 +60,21 @@ class FootprintLists(Lists[LightMap]):
         with self.parts[0].failures():
             return self._tables(station).means(station, exposures)
 
+    def one_draw(self, station: Station) -> NDArray[np.float32]:
+        """See :meth:`Lists.one_draw`: by its moments."""
+        with self.parts[0].failures():
+            return self._tables(station).draw(station)
+
+    def moments(self, station: Station) -> Moments:
+        """See :meth:`Lists.moments`."""
+        with self.parts[0].failures():
+            return self._tables(station).moments(station)
+
     def count(self, stations: Sequence[Station], sets: Sets) -> SetLevels:
         """See :meth:`Lists.count`."""
         with self.parts[0].failures():
             tables = self._tables(stations[0])
-            if tables.beyond or any(station.sensor.noise for station in stations):
+            if tables.beyond:
                 return super().count(stations, sets)
             if self._counted is None or self._counted.sets is not sets:
                 self._counted = _Counted(tables, sets)
@@ -96,9 +108,10 @@ class _Tables:
             )  # fmt: skip
         needed = np.empty(begins[-1], np.float32)
         b.copy_home(needed, steps)
-        first = np.zeros(len(needed) + 1, np.uint32)
-        np.cumsum(np.where(needed <= TABLE_STEPS, needed + 1, 0), out=first[1:])
-        self.nodes = b.empty(8 * int(first[-1]))
+        taken = needed.clip(0, TABLE_STEPS + 1).astype(np.uint16)
+        first = np.zeros(len(taken) + 1, np.uint32)
+        np.cumsum(np.where(taken <= TABLE_STEPS, taken + 1, 0), out=first[1:])
+        self.nodes = b.empty(8 * max(int(first[-1]), 1))
         firsts = b.constant(first)
         for part, tile, own, size in zip(parts, tiles, begins, sizes, strict=False):
             b.start(
@@ -112,16 +125,19 @@ class _Tables:
             [np.arange(n) + at for n, at in zip(np.diff(ends), begins, strict=False)]
         )
         # Pixels whose footprints take as many steps are neighbours: they meet as many edges.
-        taken = needed[own].clip(0, TABLE_STEPS + 1).astype(np.uint16)
+        taken = taken[own]
         order = np.argsort(taken, kind="stable").astype(np.uint32)
         held = int(np.count_nonzero(taken <= TABLE_STEPS))
-        order = np.pad(order[:held], (0, -held % width), mode="edge")
+        filling = np.repeat(order[max(held - 1, 0) : held], -held % width)
+        order = np.concatenate([order[:held], filling])
         self.vectors = len(order) // width
         self.places = order
         """Of the pixels in the lists, as they lie side by side on the device."""
+        numbers = np.concatenate([part.pixels for part in parts])
         self.laid = tuple(
-            b.constant(numbers.astype(np.uint32)) for numbers in (first[own[order]], own[order])
+            b.constant(a.astype(np.uint32)) for a in (first[own[order]], own[order], numbers[order])
         )
+        self.laid += (np.uint32(parts[0].station.shape[1]),)
         self.planes = begin, step, steps, whole
         self._to = b.constant(order)
         self.beyond = []
@@ -150,26 +166,54 @@ class _Tables:
         b = self.backend
         design = b.constant(design_block(station))
         gains, count = b.constant(np.array(exposures, np.float32)), np.int32(len(exposures))
+        table = device_noise(station.sensor, b)[:2]
         images = np.full(self.vectors, float(b.widths["footprints.cl"]) * station.sequence.images)
         for some in b.launches("footprints", images):
             b.start(
                 "footprints.cl", kernel, (some.stop - some.start,), out, self.nodes, *self.laid,
-                *self.planes, design, gains, count, *more,
+                *self.planes, *table, design, gains, count, *more,
                 offset=(some.start,), group=self.group,
             )  # fmt: skip
 
     def means(self, station: Station, exposures: Sequence[float]) -> NDArray[np.float32]:
         """See :meth:`Lists.means_of_exposures`."""
-        b = self.backend
-        seen = np.empty((len(exposures), self.pixels), np.float32)
-        grey = b.empty(4 * min(len(exposures), EXPOSURES) * self.pixels)
-        for first in range(0, len(exposures), EXPOSURES):
-            some = exposures[first : first + EXPOSURES]
-            self.start("means_of_footprints", grey, station, some, self._to, np.uint32(self.pixels))
-            b.copy_home(seen[first : first + len(some)], grey)
+        quiet = station.sensor.model_copy(update={"noise": False})
+        station = station.model_copy(update={"sensor": quiet})
+        found = [
+            self._planes("means_of_footprints", station, exposures[i : i + EXPOSURES])
+            for i in range(0, len(exposures), EXPOSURES)
+        ]
+        seen = np.concatenate(found)
         for places, light_map in self.beyond:
             own = light_map.means_of_exposures(light_map.under(station), exposures)
             seen[:, places] = own[:, 0]
+        return seen
+
+    def draw(self, station: Station) -> NDArray[np.float32]:
+        """See :meth:`Lists.one_draw`."""
+        seen = self._planes("means_of_footprints", station, [station.sensor.exposure])
+        for places, light_map in self.beyond:
+            seen[0, places] = one_draw(light_map, station)[0]
+        return seen.ravel()
+
+    def moments(self, station: Station) -> Moments:
+        """See :meth:`Lists.moments`."""
+        found = Moments(
+            *self._planes("moments_of_footprints", station, [station.sensor.exposure], 2)
+        )
+        for places, light_map in self.beyond:
+            own = light_map.summed_moments(light_map.under(station))
+            found.mean[places], found.deviation[places] = own.mean[0], own.deviation[0]
+        return found
+
+    def _planes(
+        self, kernel: str, station: Station, exposures: Sequence[float], planes: int | None = None
+    ) -> NDArray[np.float32]:
+        """Return what a kernel finds of every pixel, shape (planes, n); None: one per exposure."""
+        seen = np.zeros((planes or len(exposures), self.pixels), np.float32)
+        grey = self.backend.empty(seen.nbytes)
+        self.start(kernel, grey, station, exposures, self._to, np.uint32(self.pixels))
+        self.backend.copy_home(seen, grey)
         return seen
 
 

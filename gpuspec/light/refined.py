@@ -164,19 +164,19 @@ class RefinedLightMap(LightMap):
         """See :meth:`LightMap.moments`."""
         station = self.noisy(station)
         found = self.base.moments(self.base.under(station))
-        own = [part.summed_moments(part.under(station)) for part in self.lists.parts]
-        for image, name in ((found.mean, "mean"), (found.deviation, "deviation")):
-            if own:
-                image.flat[self.places] = np.concatenate([getattr(one, name)[0] for one in own])
+        if len(self.places):
+            own = self.lists.moments(station)
+            found.mean.flat[self.places] = own.mean
+            found.deviation.flat[self.places] = own.deviation
         return found
 
     def one_draw(self, station: Station | None = None) -> Image:
-        """See :meth:`LightMap.one_draw`. Of the lists' pixels all images are drawn."""
+        """See :meth:`LightMap.one_draw`."""
         station = self.noisy(station)
-        return self._put_in(
-            self.base.one_draw(self.base.under(station)),
-            lambda part: part.mean(part.under(station)),
-        )
+        image = self.base.one_draw(self.base.under(station))
+        if len(self.places):
+            image.flat[self.places] = self.lists.one_draw(station)
+        return image
 
     def counter(self, zones: Zones, sample: Sample | None = None) -> LevelCounter:
         """See :meth:`LightMap.counter`."""

@@ -90,7 +90,7 @@ def of_light(station: Station, lost: NDArray[np.uint8], truth: Truth | None = No
     truth : Truth, optional
         To say how many defects are wholly dark.
     """
-    # Bytes are counted code by code ten times as fast as by bincount, which makes whole numbers of them.
+    # By bincount, which makes whole numbers of bytes, it takes ten times as long.
     codes = np.array([np.count_nonzero(lost == code) for code in range(int(lost.max()) + 1)])
     return of_losses(station, np.pad(codes, (0, len(Lost) - len(codes))), lost, truth)
 
