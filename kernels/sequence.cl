@@ -77,41 +77,6 @@ __kernel void fuse_images(__global float *fused, LIGHT_MAP(const),
     STORE(f.difference, fused, out + 4 * plane);
 }
 
-/* Mean over whole periods in equal steps under designs that differ in exposure alone, one plane each,
-   without noise: what a pixel sees of the stripes is worked out once for all. */
-__kernel void means_of_exposures(__global float *means, LIGHT_MAP(const),
-                                 __global const Design *restrict design,
-                                 __global const float *restrict exposures, int count,
-                                 int sub_rays, int rows) {
-    size_t stride = get_global_size(0) * WIDTH;
-    size_t at = get_global_id(1) * stride + get_global_id(0) * WIDTH;
-    size_t plane = stride * (size_t)rows;
-    Pixels px = {light, wide, narrow, irradiance, at, plane, sub_rays};
-    Design d = *design;
-    d.exposure = 1.0f;
-    int shifts = (int)d.distinct_shifts;
-    REAL sums[EXPOSURES];
-    for (int e = 0; e < count; e++) {
-        sums[e] = 0.0f;
-    }
-    for (int first = 0; first < shifts; first += CHUNK) {
-        Signals signals = signals_from(d, px, first);
-        int last = shifts - first < CHUNK ? shifts - first : CHUNK;
-        for (int e = 0; e < count; e++) {
-            float gain = exposures[e];
-            REAL part = 0.0f;
-            for (int j = 0; j < last; j++) {
-                part += min(gain * signals.value[j], 1.0f);
-            }
-            sums[e] += part;
-        }
-    }
-    for (int e = 0; e < count; e++) {
-        STORE(d.full_scale * sums[e] / d.distinct_shifts, means,
-              e * stride * get_global_size(1) + at - get_global_offset(1) * stride);
-    }
-}
-
 #ifndef PROFILE
 /* Mean and standard deviation of the noisy mean over all its draws, and one draw: a plane each. No
    image is made. */

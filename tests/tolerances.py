@@ -197,6 +197,8 @@ REFINED_MAX_DN = 1.2
 # Tables of footprints, from every sub-ray in every image. Measured 0.0014 and 0.055.
 FOOTPRINT_RMS_DN = 0.004
 FOOTPRINT_MAX_DN = 0.15
+# The same images added up in another order. Measured 2e-5.
+SAME_IMAGES_DN = 1e-4
 # Two boxes for the Gaussian of roughness, on flawless pixels too; measured 0.474 and 0.75.
 ROUGH_RMS_DN = 0.60
 ROUGH_MAX_DN = 1.0

@@ -14,7 +14,7 @@ from gpuspec.arrays import Image
 from gpuspec.host import free_bytes
 from gpuspec.light import pocl
 from gpuspec.light.backend import Backend, Settings
-from gpuspec.light.constants import EXPOSURES, NO_PIXEL, STRIP_ROWS, STRIP_VECTORS
+from gpuspec.light.constants import NO_PIXEL, STRIP_ROWS, STRIP_VECTORS
 from gpuspec.light.float64_noise import Moments
 from gpuspec.light.levels import Pixels, Sample, Zones
 from gpuspec.light.light_map import PLANES, LightMap
@@ -281,35 +281,6 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
             found = np.empty((rows, columns), np.uint8)
             self._copy_home(found, sides)
         return found
-
-    def means_of_exposures(
-        self, station: Station, exposures: Sequence[float]
-    ) -> NDArray[np.float32]:
-        """See :meth:`LightMap.means_of_exposures`."""
-        station = self.lit_by(station)
-        b, rows = self.backend, self.grid[0]
-        if not self._kept:
-            return super().means_of_exposures(station, exposures)
-        tile = self._kept[0]
-        means = np.empty((len(exposures), *self.grid), np.float32)
-        with self.failures():
-            design = b.constant(design_block(station))
-            grey = b.empty(4 * min(len(exposures), EXPOSURES) * rows * self.stride)
-            for first in range(0, len(exposures), EXPOSURES):
-                some = np.array(exposures[first : first + EXPOSURES], np.float32)
-                gains = b.constant(some)
-                work = np.full(rows, self._cost("mean", station))
-                for band in b.launches("means_of_exposures", work):
-                    self._start(
-                        _file(station, "sequence.cl"), "means_of_exposures", band,
-                        grey, *tile.planes, design, gains, np.int32(len(some)),
-                        np.int32(self._sub_rays), np.int32(rows),
-                    )  # fmt: skip
-                    out = np.empty((len(some), band.stop - band.start, self.grid[1]), np.float32)
-                    for i, plane in enumerate(out):
-                        self._copy_home(plane, grey, i)
-                    means[first : first + len(some), band] = out
-        return self._shaped(means)
 
     def together(self, parts: Sequence[LightMap]) -> Lists[LightMap]:
         """See :meth:`LightMap.together`."""

@@ -30,7 +30,8 @@ VECTORS = (16, 8)
 
 FILES = (
     "trace.cl", "listed.cl", "posed.cl", "posed_listed.cl", "refine.cl", "aspect.cl",
-    "sequence.cl", "profiled.cl", "footprints.cl", "sweep.cl",
+    "sequence.cl", "profiled.cl", "footprints.cl", "lookup.cl",
+    "sweep.cl",
 )  # fmt: skip
 
 LAUNCH_SECONDS = 0.5

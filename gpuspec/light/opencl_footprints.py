@@ -6,6 +6,7 @@ See `kernels/footprints.cl`.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,15 +20,15 @@ from gpuspec.light.constants import (
 )
 from gpuspec.light.float64_noise import Moments
 from gpuspec.light.levels import levels_per_dn
-from gpuspec.light.light_map import LightMap
-from gpuspec.light.lists import Lists, SetLevels, Sets, alike, one_draw
+from gpuspec.light.light_map import PLANES, LightMap
+from gpuspec.light.lists import Lists, SetLevels, Sets, alike
 from gpuspec.light.opencl_levels import device_noise
 from gpuspec.light.records import design_block
 from gpuspec.station.station import Station
 
-BOUND = 0.004
+BOUND = 0.0025
 """Of what a cubic of a table may be off, see `measure_footprints`: so bounded, of 255 grey levels
-rms 0.003, of 1 pixel in 200 more than 0.02, on hard designs. At 0.01 it is rms 0.015."""
+rms 0.001 and hardly ever above 0.02, measured over hard designs; at 0.01 it is rms 0.015."""
 
 
 def can_be_tables(parts: Sequence[Any]) -> bool:
@@ -74,8 +75,6 @@ class FootprintLists(Lists[LightMap]):
         """See :meth:`Lists.count`."""
         with self.parts[0].failures():
             tables = self._tables(stations[0])
-            if tables.beyond:
-                return super().count(stations, sets)
             if self._counted is None or self._counted.sets is not sets:
                 self._counted = _Counted(tables, sets)
             return self._counted.under(stations)
@@ -88,14 +87,17 @@ class FootprintLists(Lists[LightMap]):
         return self._known
 
 
+def _group(width: int) -> tuple[int, ...] | None:
+    """Return how many work-items a group has: a CPU's driver gives each a stack of its own."""
+    return (1,) if width > 1 else None
+
+
 class _Tables:
     """The tables of lists, in one buffer, and the light maps of the pixels that none holds."""
 
     def __init__(self, parts: Sequence[Any]) -> None:
         self.backend = b = parts[0].backend
         width = b.widths["footprints.cl"]
-        # A CPU's driver gives each work-item of a group a stack of its own.
-        self.group = (1,) if width > 1 else None
         tiles = [next(part.bands())[0] for part in parts]
         sizes = [part.stride * part.grid[0] for part in parts]
         begins = np.cumsum([0, *sizes])
@@ -117,7 +119,7 @@ class _Tables:
             b.start(
                 "footprints.cl", "lay_footprints", (size // width,), self.nodes, *tile.planes,
                 firsts, begin, step, whole, np.int32(part.station.camera.sub_rays), np.uint32(own),
-                group=self.group,
+                group=_group(width),
             )  # fmt: skip
         ends = np.cumsum([0, *(part.shape[1] for part in parts)])
         self.pixels = int(ends[-1])
@@ -126,31 +128,59 @@ class _Tables:
         )
         # Pixels whose footprints take as many steps are neighbours: they meet as many edges.
         taken = taken[own]
-        order = np.argsort(taken, kind="stable").astype(np.uint32)
+        order = np.argsort(taken, kind="stable")
         held = int(np.count_nonzero(taken <= TABLE_STEPS))
-        filling = np.repeat(order[max(held - 1, 0) : held], -held % width)
+        filling = np.repeat(order[max(held - 1, 0) : held], -held % b.widths["lookup.cl"])
         order = np.concatenate([order[:held], filling])
-        self.vectors = len(order) // width
-        self.places = order
-        """Of the pixels in the lists, as they lie side by side on the device."""
         numbers = np.concatenate([part.pixels for part in parts])
-        self.laid = tuple(
-            b.constant(a.astype(np.uint32)) for a in (first[own[order]], own[order], numbers[order])
+        nothing = b.empty(4)
+        tables = (
+            self.nodes,
+            *(b.constant(a.astype(np.uint32)) for a in (first[own[order]], own[order])),
         )
-        self.laid += (np.uint32(parts[0].station.shape[1]),)
-        self.planes = begin, step, steps, whole
-        self._to = b.constant(order)
-        self.beyond = []
-        far = taken > TABLE_STEPS
+        columns = np.uint32(parts[0].station.shape[1])
+        self.batches = [
+            _Batch(
+                (*tables, begin, step, steps, whole, *[nothing] * PLANES, np.int32(0), np.uint32(0),
+                 b.constant(numbers[order]), columns),
+                order, 1.0,
+            )
+        ]  # fmt: skip
         for part, start, end in zip(parts, ends, ends[1:], strict=False):
-            places = np.flatnonzero(far[start:end])
-            if len(places):
-                listed = part.again(part.station, part.pixels[places])
-                self.beyond.append((start + places, listed))
+            far = np.flatnonzero(taken[start:end] > TABLE_STEPS)
+            if len(far):
+                own_map = part.again(part.station, part.pixels[far])
+                ((tile, _),) = own_map.bands()
+                places = np.full(own_map.listed().size, NO_PIXEL, np.int64)
+                places[: len(far)] = start + far
+                rays = np.int32(part.station.camera.sub_rays)
+                self.batches.append(
+                    _Batch(
+                        (*[nothing] * 7, *tile.planes, rays, np.uint32(len(places)),
+                         b.constant(own_map.listed()), columns),
+                        places, float(rays),
+                    )
+                )  # fmt: skip
+        self._to = self.at(np.arange(self.pixels))
+
+    def at(self, places: NDArray[np.int64]) -> list[Any]:
+        """Return, on the device, where the lists' pixels are wanted.
+
+        Parameters
+        ----------
+        places : ndarray of int64, shape (n,)
+            Of the lists' pixels, one after another; ``NO_PIXEL`` where they are not.
+        """
+        known = np.append(places, NO_PIXEL).astype(np.uint32)
+        return [
+            self.backend.constant(known[np.minimum(batch.places, self.pixels)])
+            for batch in self.batches
+        ]
 
     def start(
-        self, kernel: str, out: Any, station: Station, exposures: Sequence[float], *more: Any
-    ) -> None:
+        self, kernel: str, out: Any, station: Station, exposures: Sequence[float],
+        to: Sequence[Any], places: int, *more: Any,
+    ) -> None:  # fmt: skip
         """Start a kernel that looks at all of them.
 
         Parameters
@@ -160,61 +190,77 @@ class _Tables:
         station : Station
         exposures : sequence of float
             ``EXPOSURES`` at most.
+        to : sequence of Buffer
+            See `at`.
+        places : int
+            Of a plane of `out`.
         *more
             What else the kernel takes.
         """
-        b = self.backend
+        b, width = self.backend, self.backend.widths["lookup.cl"]
         design = b.constant(design_block(station))
         gains, count = b.constant(np.array(exposures, np.float32)), np.int32(len(exposures))
         table = device_noise(station.sensor, b)[:2]
-        images = np.full(self.vectors, float(b.widths["footprints.cl"]) * station.sequence.images)
-        for some in b.launches("footprints", images):
-            b.start(
-                "footprints.cl", kernel, (some.stop - some.start,), out, self.nodes, *self.laid,
-                *self.planes, *table, design, gains, count, *more,
-                offset=(some.start,), group=self.group,
-            )  # fmt: skip
+        for batch, own in zip(self.batches, to, strict=True):
+            images = width * station.sequence.images * batch.cost
+            for some in b.launches(batch.name, np.full(len(batch.places) // width, images)):
+                b.start(
+                    "lookup.cl", kernel, (some.stop - some.start,), out, np.uint32(places),
+                    *batch.given, own, *table, design, gains, count, *more,
+                    offset=(some.start,), group=_group(width),
+                )  # fmt: skip
 
     def means(self, station: Station, exposures: Sequence[float]) -> NDArray[np.float32]:
         """See :meth:`Lists.means_of_exposures`."""
         quiet = station.sensor.model_copy(update={"noise": False})
         station = station.model_copy(update={"sensor": quiet})
         found = [
-            self._planes("means_of_footprints", station, exposures[i : i + EXPOSURES])
+            self._seen("means_of_refined", station, exposures[i : i + EXPOSURES])
             for i in range(0, len(exposures), EXPOSURES)
         ]
-        seen = np.concatenate(found)
-        for places, light_map in self.beyond:
-            own = light_map.means_of_exposures(light_map.under(station), exposures)
-            seen[:, places] = own[:, 0]
-        return seen
+        return np.concatenate(found)
 
     def draw(self, station: Station) -> NDArray[np.float32]:
         """See :meth:`Lists.one_draw`."""
-        seen = self._planes("means_of_footprints", station, [station.sensor.exposure])
-        for places, light_map in self.beyond:
-            seen[0, places] = one_draw(light_map, station)[0]
-        return seen.ravel()
+        return self._seen("means_of_refined", station, [station.sensor.exposure]).ravel()
 
     def moments(self, station: Station) -> Moments:
         """See :meth:`Lists.moments`."""
-        found = Moments(
-            *self._planes("moments_of_footprints", station, [station.sensor.exposure], 2)
-        )
-        for places, light_map in self.beyond:
-            own = light_map.summed_moments(light_map.under(station))
-            found.mean[places], found.deviation[places] = own.mean[0], own.deviation[0]
-        return found
+        return Moments(*self._seen("moments_of_refined", station, [station.sensor.exposure], 2))
 
-    def _planes(
+    def _seen(
         self, kernel: str, station: Station, exposures: Sequence[float], planes: int | None = None
     ) -> NDArray[np.float32]:
         """Return what a kernel finds of every pixel, shape (planes, n); None: one per exposure."""
-        seen = np.zeros((planes or len(exposures), self.pixels), np.float32)
+        seen = np.empty((planes or len(exposures), self.pixels), np.float32)
         grey = self.backend.empty(seen.nbytes)
-        self.start(kernel, grey, station, exposures, self._to, np.uint32(self.pixels))
+        self.start(kernel, grey, station, exposures, self._to, self.pixels)
         self.backend.copy_home(seen, grey)
         return seen
+
+
+@dataclass(frozen=True)
+class _Batch:
+    """Pixels that a kernel looks at in one launch: those in tables, or those of one light map.
+
+    Attributes
+    ----------
+    given : tuple
+        What it takes of them.
+    places : ndarray of int64, shape (n,)
+        Of the pixels in the lists, as they lie side by side on the device; ``NO_PIXEL``: of none.
+    cost : float
+        Of an image, see `OpenCLDevice.launches`.
+    """
+
+    given: tuple[Any, ...]
+    places: NDArray[np.int64]
+    cost: float
+
+    @property
+    def name(self) -> str:
+        """Under which the device remembers how much it does at once."""
+        return "tables" if self.cost == 1 else "sub-rays"
 
 
 class _Counted:
@@ -223,10 +269,10 @@ class _Counted:
     def __init__(self, tables: _Tables, sets: Sets) -> None:
         self._tables, self.sets = tables, sets
         self._backend = b = tables.backend
-        self._pixels = np.uint32(len(sets.order))
-        to = np.full(tables.pixels, NO_PIXEL, np.uint32)
+        self._pixels = len(sets.order)
+        to = np.full(tables.pixels, NO_PIXEL, np.int64)
         to[sets.order] = np.arange(self._pixels)
-        self._to = b.constant(to[tables.places])
+        self._to = tables.at(to)
         self._sets = tuple(b.constant(a.astype(np.uint32)) for a in (sets.first, sets.kinds))
 
     def under(self, stations: Sequence[Station]) -> SetLevels:
@@ -235,7 +281,7 @@ class _Counted:
         found = SetLevels.empty(len(stations), sets)
         if not sets:
             return found
-        levels = b.empty(EXPOSURES * int(self._pixels))
+        levels = b.empty(EXPOSURES * self._pixels)
         counts, highest = (np.zeros(a.shape, np.uint32) for a in (found.counts, found.highest))
         counters, peaks = b.counters(*counts.shape), b.counters(*highest.shape)
         done: list[int] = []
@@ -243,12 +289,12 @@ class _Counted:
             for some in np.split(group, range(EXPOSURES, len(group), EXPOSURES)):
                 own = [stations[i] for i in some]
                 self._tables.start(
-                    "levels_of_footprints", levels, own[0], [s.sensor.exposure for s in own],
+                    "levels_of_refined", levels, own[0], [s.sensor.exposure for s in own],
                     self._to, self._pixels, levels_per_dn(own[0].sensor.full_scale_dn),
                 )  # fmt: skip
                 b.start(
-                    "footprints.cl", "count_footprints", (len(some), sets), counters, peaks,
-                    levels, *self._sets, self._pixels, np.uint32(len(done)),
+                    "lookup.cl", "count_refined", (len(some), sets), counters, peaks, levels,
+                    *self._sets, np.uint32(self._pixels), np.uint32(len(done)),
                 )  # fmt: skip
                 done += some.tolist()
         b.copy_home(counts, counters, wait=False)

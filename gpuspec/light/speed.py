@@ -29,7 +29,7 @@ ROWS = (COPY, TRACE, CLOSED_FORM, IMAGES, SWEEP)
 FILES = {
     TRACE: ("trace.cl", "listed.cl", "posed.cl", "posed_listed.cl", "refine.cl"),
     CLOSED_FORM: ("aspect.cl",),
-    IMAGES: ("sequence.cl", "profiled.cl"),
+    IMAGES: ("sequence.cl", "profiled.cl", "footprints.cl", "lookup.cl"),
     SWEEP: ("sweep.cl",),
 }
 """Which kernel files are taken at the width that makes a row fastest on OpenCL."""

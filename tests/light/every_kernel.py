@@ -15,7 +15,6 @@ from gpuspec.light import opencl_device
 from gpuspec.light.levels import Sample, Zones, levels_of
 from gpuspec.light.light_map import has_noisy_form
 from gpuspec.light.opencl import OpenCLBackend
-from gpuspec.light.refined import RefinedLightMap
 from gpuspec.part.maps import TopographyMap
 from gpuspec.part.relief import Relief
 from gpuspec.part.truth import Truth
@@ -87,9 +86,6 @@ def run(device: Counting, station: Station, relief: Relief) -> None:
     light_map.image(3)
     light_map.mean()
     light_map.fuse()
-    if isinstance(light_map, RefinedLightMap) and station.tunnel.is_striped:
-        for part in light_map.lists.parts:
-            part.means_of_exposures(part.station, [1.0, 2.0])
     if has_noisy_form(station):
         light_map.moments()
     truth = Truth.of(station, Relief.of(station))
