@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 from scenes import check_station
 from test_refinement import DEFECTS, SCENES
-from tolerances import FOOTPRINT_MAX_DN, FOOTPRINT_RMS_DN, SAME_IMAGES_DN
+from tolerances import (
+    DRAWN_SPREAD,
+    FOOTPRINT_MAX_DN,
+    FOOTPRINT_RMS_DN,
+    REFINED_DEVIATION,
+    REFINED_MEAN_DN,
+    SAME_IMAGES_DN,
+)
 
 from gpuspec.light.constants import EXPOSURES
 from gpuspec.light.lists import Lists, Sets
@@ -88,6 +95,30 @@ def test_what_no_table_holds_is_seen_ray_by_ray(opencl):
     close = np.abs(got[:, beyond] - expected[:, beyond]).max()
     assert close <= SAME_IMAGES_DN
     assert close < np.abs(got[:, held] - expected[:, held]).max()
+
+
+SENSORS = (
+    {},
+    {"sensor.prnu": 0.02, "sensor.dsnu_e": 5.0, "sensor.dark_e": 20.0, "sequence.images": 65},
+    {"sensor.saturation_e": 300.0, "sensor.read_noise_e": 2.0, "sensor.black_level_dn": 5.0},
+)
+
+
+@pytest.mark.parametrize("pupil", [0.0, 3.0])
+@pytest.mark.parametrize("changes", SENSORS)
+def test_noise_is_what_a_sum_over_the_images_tells(opencl, changes, pupil):
+    light_map = traced(opencl, camera__pupil_mm=pupil)
+    station = under(light_map, {"sensor.noise": True, **changes})
+    got, told = light_map.lists.moments(station), Lists.moments(light_map.lists, station)
+    assert np.abs(got.mean - told.mean).max() <= REFINED_MEAN_DN
+    seen = told.deviation > 0.02
+    assert np.abs(got.deviation / told.deviation - 1)[seen].max() <= REFINED_DEVIATION
+    draw = light_map.lists.one_draw(station)
+    assert np.array_equal(light_map.one_draw(station).flat[light_map.places], draw)
+    if not station.sensor.prnu:  # gain and dark signal are drawn with the seed
+        others = [light_map.lists.one_draw(station.replace(sensor__seed=k)) for k in range(1, 41)]
+        spread = np.std(others, axis=0)[seen] / told.deviation[seen]
+        assert abs(np.sqrt((spread**2).mean()) - 1) <= DRAWN_SPREAD
 
 
 @pytest.mark.parametrize("bits", [8, 12])
