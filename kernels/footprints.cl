@@ -1,4 +1,4 @@
-/* Pixels of many sub-rays: what they see of the light is added up once, for every design. With F(l) the
+/* Pixels of many sub-rays: what they see of the light is added up once, for all stripes. With F(l) the
    share of a pixel's footprint before the light coordinate l, its lit fraction is the sum of 1 - F at
    the edges where the light begins, less that where it ends, whatever the stripes are: F stands in a
    table, its values and slopes at equal steps, a cubic between two of them. An edge is looked up only
@@ -19,37 +19,36 @@ typedef struct {
     REAL corner;
     REAL bend; /* 1/2 corner */
     REAL weight; /* share of the pixel's irradiance over the flank */
-} Kernels;
+} Kernel;
 
 /* Where the footprint of each of WIDTH pixels begins, how long the steps of its table are, in mm, how many, and
    the irradiance of all its sub-rays. The cubic is off, in shares of the whole, by the step squared
    times the curvatures 1/w1 w2 of the sub-rays' kernels, which add up by their squares. */
 __kernel void measure_footprints(__global float *begin, __global float *step,
                                  __global float *steps, __global float *whole, LIGHT_MAP(const),
-                                 int sub_rays, uint own, float bound) {
-    size_t plane = get_global_size(0) * WIDTH;
+                                 int sub_rays, uint plane, uint own, float bound) {
     size_t at = get_global_id(0) * WIDTH;
     REAL none = 0.0f;
-    REAL first = 1e30f;
-    REAL last = -1e30f;
+    REAL low = 1e30f;
+    REAL high = -1e30f;
     REAL sum = 0.0f;
     REAL squares = 0.0f;
     for (int i = 0; i < sub_rays; i++) {
-        Ray ray = RAY_AT(at + i * plane);
+        Ray ray = RAY_AT(at + i * (size_t)plane);
         MASK seen = ray.irradiance > 0.0f;
         REAL reach = 0.5f * (ray.wide + ray.narrow);
-        first = (seen ? min(first, ray.light - reach) : first);
-        last = (seen ? max(last, ray.light + reach) : last);
-        REAL own = (seen ? ray.irradiance : none);
-        REAL bent = own / (ray.wide * max(ray.narrow, ray.wide * (1.0f / 16.0f)));
-        sum += own;
+        low = (seen ? min(low, ray.light - reach) : low);
+        high = (seen ? max(high, ray.light + reach) : high);
+        REAL weight = (seen ? ray.irradiance : none);
+        REAL bent = weight / (ray.wide * max(ray.narrow, ray.wide * (1.0f / 16.0f)));
+        sum += weight;
         squares += bent * bent;
     }
     MASK lit = sum > 0.0f;
     REAL share = max(sum, 1e-30f);
-    REAL length = (lit ? last - first : none);
+    REAL length = (lit ? high - low : none);
     REAL count = max(-floor(-length * sqrt(sqrt(squares) / (share * bound))), none + 1.0f);
-    STORE((lit ? first : none), begin, own + at);
+    STORE((lit ? low : none), begin, own + at);
     STORE((lit ? length / count : none + 1.0f), step, own + at);
     STORE((lit ? count : none + 1.0f), steps, own + at);
     STORE(sum / (float)sub_rays, whole, own + at);
@@ -57,16 +56,16 @@ __kernel void measure_footprints(__global float *begin, __global float *step,
 
 /* The tables of WIDTH pixels: values and slopes at their nodes, those of pixel i from first[i] up to
    first[i + 1]. A sub-ray adds what its trapezoid rises by from node to node, so that sums over nodes are F. */
-__kernel void lay_footprints(__global float2 *nodes, LIGHT_MAP(const), __global const uint *first,
+__kernel void lay_footprints(__global float2 *nodes, __global const uint *first,
                              __global const float *begin, __global const float *step,
-                             __global const float *whole, int sub_rays, uint own) {
-    size_t plane = get_global_size(0) * WIDTH;
+                             __global const float *whole, LIGHT_MAP(const), int sub_rays,
+                             uint plane, uint own) {
     size_t at = get_global_id(0) * WIDTH;
-    Kernels kernels[SUB_RAYS];
+    Kernel kernels[SUB_RAYS];
     REAL per_mm = 1.0f / LOAD(step, own + at);
     REAL share = 1.0f / max(LOAD(whole, own + at) * (float)sub_rays, 1e-30f);
     for (int i = 0; i < sub_rays; i++) {
-        Ray ray = RAY_AT(at + i * plane);
+        Ray ray = RAY_AT(at + i * (size_t)plane);
         REAL flank = ray.wide * per_mm;
         REAL corner = max(ray.narrow * per_mm, 1e-3f);
         REAL inverse = 1.0f / (flank * corner);

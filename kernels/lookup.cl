@@ -228,7 +228,7 @@ DEVICE REAL grey_of(Sums *sums, Design d, int e, __global const uint *number, ui
 }
 
 /* Stores a value of each of a work-item's pixels in a plane, as a float or as a byte. */
-#define SCATTER(value, plane, kind)                                                           \
+#define SCATTER(value, plane, to, kind)                                                       \
     for (int lane = 0; lane < WIDTH; lane++) {                                                \
         uint place = to[get_global_id(0) * WIDTH + lane];                                     \
         if (place != NO_PIXEL) {                                                              \
@@ -237,11 +237,11 @@ DEVICE REAL grey_of(Sums *sums, Design d, int e, __global const uint *number, ui
     }
 
 /* Aspect images over whole periods in equal steps, or one draw of each, planes of so many `places`. */
-__kernel void means_of_refined(__global float *means, uint places, SEEN) {
+__kernel void aspects_of_refined(__global float *grey_levels, uint places, SEEN) {
     Sums sums = sums_of_images(AS_GIVEN);
     for (int e = 0; e < count; e++) {
         REAL grey = grey_of(&sums, *design, e, number, columns);
-        SCATTER(grey, means + e * (size_t)places, float)
+        SCATTER(grey, grey_levels + e * (size_t)places, to, float)
     }
 }
 
@@ -250,39 +250,40 @@ __kernel void moments_of_refined(__global float *planes, uint places, SEEN) {
     Sums sums = sums_of_images(AS_GIVEN);
     Moments m = moments_of(&sums, *design, 0);
     REAL deviation = sqrt(m.variance);
-    SCATTER(m.mean, planes, float)
-    SCATTER(deviation, planes + places, float)
+    SCATTER(m.mean, planes, to, float)
+    SCATTER(deviation, planes + places, to, float)
 }
 
-/* Levels of what `means_of_refined` makes. */
+/* Levels of what `aspects_of_refined` makes. */
 __kernel void levels_of_refined(__global uchar *levels, uint places, SEEN, float per_dn) {
     Sums sums = sums_of_images(AS_GIVEN);
     for (int e = 0; e < count; e++) {
         REAL level = level_of(grey_of(&sums, *design, e, number, columns), per_dn);
-        SCATTER(level, levels + e * (size_t)places, uchar)
+        SCATTER(level, levels + e * (size_t)places, to, uchar)
     }
 }
 
-/* How often each level comes in sets of the same kind, and the highest of each set, exposure by exposure, the
-   first of which is that of a design. The pixels of set i are those from first[i] to first[i + 1]. */
+/* How often each level comes in stretches of the same kind, and the highest of each stretch, exposure by
+   exposure, the first of which is that of a design. The pixels of stretch i are those from first[i] to
+   first[i + 1]. */
 __kernel void count_refined(__global uint *counts, __global uint *highest,
-                               __global const uchar *levels, __global const uint *first,
-                               __global const uint *kinds, uint places, uint design) {
-    size_t e = get_global_id(0), set = get_global_id(1);
+                            __global const uchar *levels, __global const uint *first,
+                            __global const uint *kinds, uint places, uint design) {
+    size_t e = get_global_id(0), stretch = get_global_id(1);
     uint own[LEVELS];
     for (int i = 0; i < LEVELS; i++) {
         own[i] = 0u;
     }
     __global const uchar *level = levels + e * (size_t)places;
-    for (uint at = first[set]; at < first[set + 1]; at++) {
+    for (uint at = first[stretch]; at < first[stretch + 1]; at++) {
         own[level[at]]++;
     }
     uint peak = 0u;
     for (uint i = 0; i < LEVELS; i++) {
         if (own[i] > 0u) {
-            atomic_add(counts + ((design + e) * KINDS + kinds[set]) * LEVELS + i, own[i]);
+            atomic_add(counts + ((design + e) * KINDS + kinds[stretch]) * LEVELS + i, own[i]);
             peak = i;
         }
     }
-    highest[(design + e) * get_global_size(1) + set] = peak;
+    highest[(design + e) * get_global_size(1) + stretch] = peak;
 }

@@ -55,13 +55,10 @@ Signals signals_from(Design design, Pixels px, int first) {
 }
 
 /* Share of a pixel's samples that are NaN or, by more than a few roundings, outside [0, 1]; every
-   PROBES-th row and image is looked at, and a pixel that is not is -1. */
+   PROBES-th image is looked at. */
 #define PROBES 8
 #define ROUNDINGS 1e-6
 float faulty_share() {
-    if (int(place.y) % PROBES != 0) {
-        return -1.0;
-    }
     int images = int(d.images);
     float count = 0.0;
     for (int k = 0; k < images; k += PROBES) {

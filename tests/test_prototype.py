@@ -191,6 +191,13 @@ def test_a_pattern_that_can_show_nothing_is_told_so(traced, body: str, said: lis
     assert [note[: len(start)] for note, start in zip(notes, said, strict=True)] == said
 
 
+def test_images_that_differ_in_one_pixel_are_not_the_same(traced):
+    text = """float picture(vec2 place, float light, float across, float footprint, int k) {
+        return place.x == 3.0 && place.y == 5.0 && k == 2 ? 1.0 : 0.25; }"""
+    lit = traced.light_map.with_pattern(Pattern.parse(text, "mine.glsl"))
+    assert not any("are the same" in note for note in traced.result(lit).warnings)
+
+
 def test_a_pattern_is_not_told_what_is_wrong_with_stripes(traced):
     # Of the stripes, neither exposure nor shifts would give an aspect image.
     station = check_station(sensor__exposure=1.0, sequence__step_mm=16.0, camera__subsampling=1)

@@ -34,6 +34,7 @@ BLIND = (0.0, 1.0, 0.0, 0.0)
 """What they hold where no light is seen."""
 
 FUSIONS = ("mean", "max", "min", "std", "differential")
+_SUMMED = 1 << 20  # sub-rays whose moments are summed at once
 LIGHT = tuple(
     ("tunnel", key) for key in ("luminous_mm", "dark_mm", "dark_leak", "profile", "profile_gamma")
 )
@@ -339,6 +340,7 @@ class LightMap(ABC):
             In DN; each to the bit the same, whatever the others are.
         """
         station = self.lit_by(station)
+        station = without_noise(station)
         sensors = (station.sensor.model_copy(update={"exposure": e}) for e in exposures)
         designs = (station.model_copy(update={"sensor": sensor}) for sensor in sensors)
         return np.stack([self.mean(design) for design in designs])
@@ -386,8 +388,14 @@ class LightMap(ABC):
         """Return the same as sums over all images, in float64, with any number of sub-rays."""
         arrays = self.read()
         planes = arrays.light_mm, arrays.wide_mm, arrays.narrow_mm, arrays.irradiance
-        found = noisy_moments(planes, station, *self._every_place())
-        return Moments(found.mean.astype(np.float32), found.deviation.astype(np.float32))
+        column, row = self._every_place()
+        found = Moments(*(np.empty(self.shape, np.float32) for _ in range(2)))
+        some = max(_SUMMED // (len(planes[0]) * self.shape[0]), 1)
+        for first in range(0, self.shape[1], some):  # a sum takes a hundred times their memory
+            at = np.s_[..., first : first + some]
+            own = noisy_moments([plane[at] for plane in planes], station, column[at], row[at])
+            found.mean[at], found.deviation[at] = own.mean, own.deviation
+        return found
 
     def one_draw(self, station: Station | None = None) -> Image:
         """Return the aspect image of one draw of the noise, from its moments, in DN.
@@ -539,6 +547,17 @@ def _differing(traced: Station, station: Station) -> str:
 _IMAGES_MIN = 8
 _CAPACITY_MIN_E = 100.0
 _READ_MAX = 100.0
+
+
+def without_noise(station: Station) -> Station:
+    """Return a station whose sensor has no noise.
+
+    Parameters
+    ----------
+    station : Station
+    """
+    sensor = station.sensor.model_copy(update={"noise": False})
+    return station.model_copy(update={"sensor": sensor})
 
 
 def has_closed_form(station: Station) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
@@ -66,6 +67,10 @@ class SetLevels:
         """
         counts = np.zeros((designs, KINDS, LEVELS), np.int64)
         return cls(counts, np.zeros((designs, sets), np.int64))
+
+
+SetCounter = Callable[[Sequence[Station]], SetLevels]
+"""Counts the levels of sets under designs of one geometry."""
 
 
 class Listed(Protocol):
@@ -144,15 +149,19 @@ class Lists(Generic[Part]):
         )
         return Moments(mean, deviation)
 
-    def count(self, stations: Sequence[Station], sets: Sets) -> SetLevels:
-        """Count levels of aspect images or, with noise, of one draw of them.
+    def counter(self, sets: Sets) -> SetCounter:
+        """Return what counts levels of aspect images or, with noise, of one draw of them.
 
         Parameters
         ----------
-        stations : sequence of Station
-            Designs of one geometry.
         sets : Sets
         """
+        return partial(self._count, sets)
+
+    def release(self) -> None:
+        """Give back what the device keeps beside the light maps."""
+
+    def _count(self, sets: Sets, stations: Sequence[Station]) -> SetLevels:
         found = SetLevels.empty(len(stations), len(sets.kinds))
         for group in alike(stations):
             first = stations[group[0]]

@@ -85,13 +85,14 @@ class RefinedLightMap(LightMap):
     def _put_in(self, image: NDArray[Any], of: Callable[[LightMap], NDArray[Any]]) -> NDArray[Any]:
         """Put what the lists give into an image of one footprint."""
         if len(self.places):
-            image.reshape(-1)[self.places] = self.lists.each(of)
+            image.flat[self.places] = self.lists.each(of)
         return image
 
     def release(self) -> None:
         """See :meth:`LightMap.release`."""
         for part in self.parts:
             part.release()
+        self.lists.release()
         super().release()
 
     def with_pattern(self, pattern: Pattern) -> LightMap:
@@ -151,13 +152,13 @@ class RefinedLightMap(LightMap):
     def closed_form(self, station: Station | None = None) -> Image:
         """See :meth:`LightMap.closed_form`.
 
-        Of the lists' pixels image by image: their sub-rays saturate together.
+        Of the lists' pixels a sum over the images: their sub-rays saturate together.
         """
         station = self.lit_by(station)
         image = self.base.closed_form(self.base.under(station))
         if len(self.places):
             exposures = [station.sensor.exposure]
-            image.reshape(-1)[self.places] = self.lists.means_of_exposures(station, exposures)[0]
+            image.flat[self.places] = self.lists.means_of_exposures(station, exposures)[0]
         return image
 
     def moments(self, station: Station | None = None) -> Moments:

@@ -63,8 +63,8 @@ class RefinedCounter:
         owner.flat[zones.pixels] = np.repeat(np.arange(len(zones.sizes)), zones.sizes)
         guard = np.zeros(zones.valid.shape, np.bool_)
         guard.flat[zones.guard] = True
-        self._lists = lists
         self._sets = _sets_of(places, owner, refined & zones.valid, guard)
+        self._refined = lists.counter(self._sets)
         self._inner = base.counter(replace(zones.only(~refined), valid=zones.valid), sample)
 
     def count(self, stations: Sequence[Station]) -> Levels:
@@ -72,7 +72,7 @@ class RefinedCounter:
         found = self._inner.count(stations)
         if self._coarse is not None:
             found.outside[:, 1:] -= self._coarse.count(stations).outside[:, 1:]
-        more = self._lists.count(stations, self._sets)
+        more = self._refined(stations)
         inside, none, guard = more.counts.transpose(1, 0, 2)
         for counts, own in (
             (found.inside, inside), (found.outside, none), (found.outside, guard),

@@ -303,6 +303,4 @@ class ShaderLightMap(TiledLightMap[RayTile]):
 
     def faulty(self) -> float:
         """See :meth:`LightMap.faulty`."""
-        shares = self._made("faulty", None)[0]
-        looked_at = shares[shares >= 0]
-        return float(looked_at.mean()) if len(looked_at) else 0.0
+        return float(self._made("faulty", None)[0].mean())

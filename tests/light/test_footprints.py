@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
+from copy import copy
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scenes import check_station
 from test_refinement import DEFECTS, SCENES
 from tolerances import (
@@ -17,11 +22,17 @@ from tolerances import (
     SAME_IMAGES_DN,
 )
 
+from gpuspec.errors import BackendError
+from gpuspec.light import opencl_footprints
 from gpuspec.light.constants import EXPOSURES
+from gpuspec.light.devices import open_backend
+from gpuspec.light.levels import Zones, levels_of
 from gpuspec.light.lists import Lists, Sets
 from gpuspec.light.opencl import OpenCLBackend
 from gpuspec.light.refined import RefinedLightMap
 from gpuspec.station.station import Station
+
+Array = NDArray[Any]
 
 # Stripes from a tenth of a footprint to many of them, single images to more than are added up
 # together, and shifts that fill several periods.
@@ -81,26 +92,67 @@ def test_exposures_are_worked_out_together_as_one_by_one(opencl):
     assert np.all(np.diff(together.mean(axis=1)) > 0)
 
 
+def looked_at(light_map: RefinedLightMap) -> tuple[Array, Array]:
+    """Places in the lists of the pixels in tables, and of those seen ray by ray."""
+    lists: Any = light_map.lists
+    held, *others = (batch.places for batch in lists.tables(light_map.station).batches)
+    beyond = np.concatenate([np.zeros(0, int), *others])
+    return np.unique(held), np.sort(beyond[beyond < len(light_map.places)])
+
+
 def test_what_no_table_holds_is_seen_ray_by_ray(opencl):
     # A pinhole's sub-rays on a scratch: some are hundreds of times as narrow as all of them.
     light_map = traced(opencl)
     got = light_map.lists.means_of_exposures(light_map.station, [6.0])
     expected = Lists.means_of_exposures(light_map.lists, light_map.station, [6.0])
-    lists: Any = light_map.lists
-    held, *others = (np.unique(batch.places) for batch in lists._known.batches)
-    beyond = np.concatenate(others)[:-1]  # the last is none
+    held, beyond = looked_at(light_map)
     assert 0 < len(beyond) < len(held)
     assert np.array_equal(np.sort(np.concatenate([held, beyond])), np.arange(len(got[0])))
-    print(np.abs(got[:, beyond] - expected[:, beyond]).max())
     close = np.abs(got[:, beyond] - expected[:, beyond]).max()
     assert close <= SAME_IMAGES_DN
     assert close < np.abs(got[:, held] - expected[:, held]).max()
+
+
+@pytest.mark.parametrize(("bytes_", "some"), [(100_000, True), (8, False)])
+def test_tables_take_no_more_memory_than_they_may(monkeypatch, bytes_, some):
+    opencl = OpenCLBackend()
+    light_map = traced(opencl, camera__pupil_mm=3.0)
+    expected = light_map.closed_form()
+    light_map.lists.release()
+    monkeypatch.setattr(opencl, "memory_bytes", bytes_)
+    # A list that would have to be traced in tiles is seen in tiles, too.
+    assert np.abs(light_map.closed_form() - expected).max() <= FOOTPRINT_MAX_DN
+    held, beyond = looked_at(light_map)
+    assert (len(held) > 0) == some
+    assert len(beyond) > 0
+
+
+def test_tables_go_with_their_light_map(opencl):
+    light_map = traced(opencl, camera__pupil_mm=3.0)
+    light_map.closed_form()
+    lists: Any = light_map.lists
+    tables = weakref.ref(lists.tables(light_map.station))
+    light_map.release()
+    gc.collect()
+    assert tables() is None
+    with pytest.raises(BackendError, match="released"):
+        lists.means_of_exposures(light_map.station, [1.0])
+
+
+@pytest.mark.parametrize("engine", ["opencl", "numpy"])
+def test_the_closed_form_of_a_noisy_station_has_no_noise(engine):
+    light_map = traced(open_backend(engine))
+    noisy = under(light_map, {"sensor.noise": True, "sequence.images": 8})
+    quiet = under(light_map, {"sequence.images": 8})
+    assert len(light_map.places)
+    assert np.array_equal(light_map.closed_form(noisy), light_map.closed_form(quiet))
 
 
 SENSORS = (
     {},
     {"sensor.prnu": 0.02, "sensor.dsnu_e": 5.0, "sensor.dark_e": 20.0, "sequence.images": 65},
     {"sensor.saturation_e": 300.0, "sensor.read_noise_e": 2.0, "sensor.black_level_dn": 5.0},
+    {"sequence.images": 32, "sequence.step_mm": 3.0},  # six periods, and each shift twice
 )
 
 
@@ -121,21 +173,55 @@ def test_noise_is_what_a_sum_over_the_images_tells(opencl, changes, pupil):
         assert abs(np.sqrt((spread**2).mean()) - 1) <= DRAWN_SPREAD
 
 
+@pytest.mark.parametrize("noise", [False, True])
 @pytest.mark.parametrize("bits", [8, 12])
-def test_the_device_counts_levels_as_the_host_does(opencl, bits):
-    light_map = traced(opencl, camera__pupil_mm=3.0, sensor__bit_depth=bits)
+def test_the_device_counts_levels_as_the_host_does(opencl, bits, noise):
+    changes = {"sensor__bit_depth": bits, "sensor__noise": noise}
+    light_map = traced(opencl, camera__pupil_mm=3.0, **changes)
     random = np.random.default_rng(4)
     order = random.permutation(len(light_map.places))[: len(light_map.places) // 2]
-    first = np.array([0, 1, 40, 41, 300, len(order)])
-    sets = Sets(order, first, np.array([0, 2, 0, 1, 2]), np.arange(5))
+    firsts = [
+        np.array([0, 1, 40, 41, 300, len(order)]), np.array([0, 5, 9, 100, 101, len(order)])
+    ]  # fmt: skip
+    sets = [Sets(order, first, np.array([0, 2, 0, 1, 2]), np.arange(5)) for first in firsts]
     designs = [
         under(light_map, {**design, "sensor.exposure": exposure})
         for exposure in np.linspace(1.0, 8.0, EXPOSURES + 2)
         for design in DESIGNS[:3]
     ]
-    got = light_map.lists.count(designs, sets)
-    expected = Lists.count(light_map.lists, designs, sets)
-    assert np.array_equal(got.counts, expected.counts)
-    assert np.array_equal(got.highest, expected.highest)
-    assert got.counts.sum() == len(designs) * len(order)
-    assert len(np.unique(got.highest)) > 5
+    counters = [light_map.lists.counter(own) for own in sets]
+    for own, count in zip(sets, counters, strict=True):  # in turn
+        got, told = count(designs), Lists.counter(as_host_does(light_map), own)(designs)
+        assert np.array_equal(got.counts, told.counts)
+        assert np.array_equal(got.highest, told.highest)
+        assert got.counts.sum() == len(designs) * len(order)
+        assert len(np.unique(got.highest)) > 5
+        assert count([]).counts.shape == (0, 3, 256)
+
+
+def as_host_does(light_map: RefinedLightMap) -> Any:
+    """Lists whose images come from the device, and whose levels are counted by NumPy."""
+    lists = copy(light_map.lists)
+    lists._count = partial(Lists._count, lists)
+    return lists
+
+
+@pytest.mark.parametrize("images", [8, 65])
+def test_zones_of_any_pixels_have_the_levels_of_the_image(opencl, images, monkeypatch):
+    monkeypatch.setattr(opencl_footprints, "_STRETCH", 7)
+    light_map = traced(opencl, camera__pupil_mm=3.0, sequence__images=images)
+    random = np.random.default_rng(5)
+    pixels = random.permutation(np.prod(light_map.shape)).astype(np.uint32)[:900]
+    first = np.sort(random.integers(0, 900, 60))
+    first = np.concatenate([[0], first, [900]])
+    guard = random.permutation(np.setdiff1d(np.arange(np.prod(light_map.shape)), pixels))[:300]
+    zones = Zones(pixels, first, np.ones(light_map.shape, bool), guard.astype(np.uint32))
+    (got, told) = (
+        light_map.counter(zones).count([light_map.station]),
+        levels_of(light_map.aspect(), zones, 255.0),
+    )
+    own = np.isin(pixels, light_map.places)
+    assert 0 < np.count_nonzero(own) < len(pixels)
+    for name in ("inside", "outside", "guard"):  # level 0 is counted as it comes
+        assert np.array_equal(getattr(got, name)[:, 1:], getattr(told, name)[:, 1:]), name
+    assert np.array_equal(got.peaks, told.peaks)
