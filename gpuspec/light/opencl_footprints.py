@@ -147,8 +147,10 @@ class Tables:
         lists = list(zip(parts, tiles, begins.tolist(), strict=False))
         for part, tile, at in lists:
             self._start_once("measure_footprints", part, tile, at, measures, BOUND)
-        needed = np.empty(begins[-1], np.float32)
-        b.copy_home(needed, steps)
+        needed, long = (np.empty(begins[-1], np.float32) for _ in range(2))
+        b.copy_home(needed, steps, wait=False)
+        b.copy_home(long, step)
+        long *= needed
         taken = needed.clip(0, TABLE_STEPS + 1).astype(np.int64)
         room = min(b.memory_bytes, b.device.max_mem_alloc_size) // _NODE_BYTES
         kept = np.where(taken <= TABLE_STEPS, taken + 1, 0)
@@ -165,9 +167,11 @@ class Tables:
             [at + np.arange(part.shape[1]) for part, _, at in lists], dtype=np.int64
         )
         taken = taken[own]
-        # Pixels whose footprints take as many steps are neighbours: they meet as many edges.
-        order = np.argsort(taken.astype(np.uint16), kind="stable")
-        held = int(np.count_nonzero(taken <= TABLE_STEPS))
+        # Pixels whose footprints are as long, to 1 %, are neighbours: as many edges cut them.
+        tabled = taken <= TABLE_STEPS
+        length = long[own].view(np.uint32) >> 15
+        order = np.argsort(np.where(tabled, length, 0xFFFF).astype(np.uint16), kind="stable")
+        held = int(np.count_nonzero(tabled))
         filling = np.repeat(order[max(held - 1, 0) : held], -held % b.widths["lookup.cl"])
         order = np.concatenate([order[:held], filling])
         numbers = np.concatenate([part.pixels for part in parts])
