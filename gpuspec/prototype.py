@@ -32,14 +32,11 @@ class Rendered:
     ----------
     summary : dict
         As in `score.json`.
-    faulty : float
-        Share of samples that were NaN or outside [0, 1]; they count as 0 and as clipped.
     seconds : float
         From the pattern's text to the files.
     """
 
     summary: dict[str, Any]
-    faulty: float
     seconds: float
 
 
@@ -195,13 +192,38 @@ class Bench:
         GpuspecError
             If the station or the backend cannot be used.
         """
-        pipe = self._worker()
-        pipe.send((pattern, folder, glance, frames))
+        answer = self._asked(self._worker(), (pattern, folder, glance, frames), pattern)
+        assert isinstance(answer, Rendered)
+        return answer
+
+    def faulty(self, pattern: Pattern) -> float:
+        """Return the share of samples that are none, of the pattern rendered last.
+
+        They are NaN or outside [0, 1], and count as 0 or as the nearer bound. To know it takes as
+        long as some images: it is asked when the picture is there.
+
+        Parameters
+        ----------
+        pattern : Pattern
+            Named in messages.
+
+        Raises
+        ------
+        PatternError
+            As of `render`; also if none was rendered.
+        """
+        if self._process is None or self._pipe is None:
+            raise PatternError(f"{pattern.file} was not rendered.")
+        return float(self._asked(self._pipe, None, pattern))
+
+    def _asked(self, pipe: Connection, job: Any, pattern: Pattern) -> Any:
+        """Return what the worker answers, or raise it."""
+        pipe.send(job)
         answer = self._answer(pipe, f"{pattern.file} ran for more than {self.limit_s:g} s and was "
                                     f"stopped; does it loop for ever?")  # fmt: skip
-        if isinstance(answer, Rendered):
-            return answer
-        raise answer
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
 
     def close(self) -> None:
         """End the worker."""
@@ -321,14 +343,17 @@ def _work(
     light_map = traced.light_map
     while True:
         try:
-            pattern, target, glance, frames = pipe.recv()
+            job = pipe.recv()
         except EOFError:
             return
         start = time.perf_counter()
         try:
+            if job is None:
+                pipe.send(light_map.faulty())
+                continue
+            pattern, target, glance, frames = job
             # From the one before: what a pattern needs of the trace is traced but once.
             light_map = light_map.with_pattern(pattern)
-            faulty = light_map.faulty()
             result = traced.result(light_map)
             if glance:
                 write_glance(result, target)
@@ -336,7 +361,7 @@ def _work(
                 write_files(result, target, frames=False, pictures=True)
             if frames is not None:
                 _write_sequence(result, frames)
-            pipe.send(Rendered(summary(result), faulty, time.perf_counter() - start))
+            pipe.send(Rendered(summary(result), time.perf_counter() - start))
         except GpuspecError as error:
             pipe.send(error)
 

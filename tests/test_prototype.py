@@ -334,8 +334,13 @@ def test_a_pattern_that_loops_for_ever_is_stopped_and_the_next_one_runs(tmp_path
         with pytest.raises(PatternError, match="loop for ever"):
             bench.render(pattern(LOOP), tmp_path, glance=True)
         bench.limit_s = 30.0
+        with pytest.raises(PatternError, match="was not rendered"):
+            bench.faulty(pattern(LOOP))
         again = bench.render(Pattern.read("binary"), tmp_path, glance=True)
         assert again.summary == rendered.summary
+        assert bench.faulty(Pattern.read("binary")) == 0
+        bench.render(pattern("return 7.0;"), tmp_path, glance=True)
+        assert bench.faulty(pattern("return 7.0;")) == 1
 
 
 def test_each_save_is_rendered_once(tmp_path):

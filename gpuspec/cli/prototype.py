@@ -74,9 +74,10 @@ def prototype(
         )
         print_notes(rendered.summary["warnings"])
         print_assumptions(rendered.summary["assumptions"])
-        if rendered.faulty:
+        faulty = made.faulty(light)
+        if faulty:
             print(
-                f"note: {light.file} gave NaN or values outside [0, 1] in {rendered.faulty:.1%} of "
+                f"note: {light.file} gave NaN or values outside [0, 1] in {faulty:.1%} of "
                 f"the samples; they count as 0 and as the nearer bound."
             )
 
