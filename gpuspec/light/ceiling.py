@@ -15,7 +15,7 @@ from gpuspec.light.diffuse import diffuse_share
 from gpuspec.light.float64_backend import NumpyLightMap
 from gpuspec.light.float64_noise import Moments, noisy_moments
 from gpuspec.light.float64_stripes import Exposure, lit_fraction, mean_over_scan
-from gpuspec.light.light_map import has_closed_form
+from gpuspec.light.light_map import has_closed_form, without_noise
 from gpuspec.part.grooves import Grooves
 from gpuspec.part.relief import Relief
 from gpuspec.station.station import Station
@@ -154,9 +154,7 @@ def _at(planes: Array, phases: Array) -> Array:
 
 def _noiseless(planes: Array, station: Station) -> Array:
     """Return the aspect image without noise, DN."""
-    quiet = station.model_copy(
-        update={"sensor": station.sensor.model_copy(update={"noise": False})}
-    )
+    quiet = without_noise(station)
     light, wide, narrow, irradiance = planes
     if has_closed_form(quiet):
         mean = mean_over_scan(light[0], wide[0], narrow[0], irradiance[0], station)

@@ -15,6 +15,7 @@ from gpuspec.arrays import Image
 from gpuspec.light.float64_noise import Moments
 from gpuspec.light.levels import LevelCounter, Levels, Pixels, Sample, Zones
 from gpuspec.light.light_map import LightMap, LightMapArrays, in_closed_form
+from gpuspec.light.lists import Lists
 from gpuspec.light.patterns import Pattern
 from gpuspec.light.refined_levels import RefinedCounter
 from gpuspec.light.refinement import SIDES, Neighbourhood, bend_of
@@ -82,10 +83,12 @@ class RefinedLightMap(LightMap):
         """The light map of one footprint and the lists."""
         return (self.base, *self.lists.parts)
 
-    def _put_in(self, image: NDArray[Any], of: Callable[[LightMap], NDArray[Any]]) -> NDArray[Any]:
+    def _put_in(
+        self, image: NDArray[Any], own: Callable[[Lists[LightMap]], NDArray[Any]]
+    ) -> NDArray[Any]:
         """Put what the lists give into an image of one footprint."""
         if len(self.places):
-            image.flat[self.places] = self.lists.each(of)
+            image.flat[self.places] = own(self.lists)
         return image
 
     def release(self) -> None:
@@ -121,7 +124,7 @@ class RefinedLightMap(LightMap):
     def lost(self) -> NDArray[np.uint8]:
         """See :meth:`LightMap.lost`."""
         self.held()
-        return self._put_in(self.base.lost(), lambda part: part.lost())
+        return self._put_in(self.base.lost(), lambda lists: lists.each(lambda part: part.lost()))
 
     def image(self, k: int, station: Station | None = None) -> Image:
         """See :meth:`LightMap.image`."""
@@ -129,7 +132,7 @@ class RefinedLightMap(LightMap):
         number = self.image_number(k, station)
         return self._put_in(
             self.base.image(number, self.base.under(station)),
-            lambda part: part.image(number, part.under(station)),
+            lambda lists: lists.each(lambda part: part.image(number, part.under(station))),
         )
 
     def mean(self, station: Station | None = None) -> Image:
@@ -137,7 +140,7 @@ class RefinedLightMap(LightMap):
         station = self.lit_by(station)
         return self._put_in(
             self.base.mean(self.base.under(station)),
-            lambda part: part.mean(part.under(station)),
+            lambda lists: lists.each(lambda part: part.mean(part.under(station))),
         )
 
     def fuse(self, station: Station | None = None) -> dict[str, Image]:
@@ -155,11 +158,10 @@ class RefinedLightMap(LightMap):
         Of the lists' pixels a sum over the images: their sub-rays saturate together.
         """
         station = self.lit_by(station)
-        image = self.base.closed_form(self.base.under(station))
-        if len(self.places):
-            exposures = [station.sensor.exposure]
-            image.flat[self.places] = self.lists.means_of_exposures(station, exposures)[0]
-        return image
+        return self._put_in(
+            self.base.closed_form(self.base.under(station)),
+            lambda lists: lists.means_of_exposures(station, [station.sensor.exposure])[0],
+        )
 
     def moments(self, station: Station | None = None) -> Moments:
         """See :meth:`LightMap.moments`."""
@@ -174,10 +176,9 @@ class RefinedLightMap(LightMap):
     def one_draw(self, station: Station | None = None) -> Image:
         """See :meth:`LightMap.one_draw`."""
         station = self.noisy(station)
-        image = self.base.one_draw(self.base.under(station))
-        if len(self.places):
-            image.flat[self.places] = self.lists.one_draw(station)
-        return image
+        return self._put_in(
+            self.base.one_draw(self.base.under(station)), lambda lists: lists.one_draw(station)
+        )
 
     def counter(self, zones: Zones, sample: Sample | None = None) -> LevelCounter:
         """See :meth:`LightMap.counter`."""
