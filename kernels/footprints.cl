@@ -5,19 +5,15 @@
    where it cuts the footprint. */
 #include "portable.h"
 #include "station.h"
+#include "stripes.h"
 #include "light_map.h"
 
-/* Nodes of a pixel that are worked out together. */
-#define NODES 16
-#define NODE_NUMBERS ((float16)(0.0f, 1.0f, 2.0f, 3.0f, 4.0f, 5.0f, 6.0f, 7.0f, 8.0f, 9.0f, 10.0f, 11.0f, 12.0f, 13.0f, 14.0f, 15.0f))
-typedef float16 Nodes __attribute__((aligned(4)));
-
-/* What a sub-ray sees of the light, in steps of the table: a trapezoid. */
+/* What a sub-ray sees of the light, in steps of the table: the side of a trapezoid from its foot on. */
 typedef struct {
     REAL foot;
     REAL flank;
     REAL corner;
-    REAL bend; /* 1/2 corner */
+    REAL bend;   /* 1/2 corner */
     REAL weight; /* share of the pixel's irradiance over the flank */
 } Kernel;
 
@@ -66,44 +62,37 @@ __kernel void lay_footprints(__global float2 *nodes, __global const uint *first,
     REAL share = 1.0f / max(LOAD(whole, own + at) * (float)sub_rays, 1e-30f);
     for (int i = 0; i < sub_rays; i++) {
         Ray ray = RAY_AT(at + i * (size_t)plane);
-        REAL flank = ray.wide * per_mm;
-        REAL corner = max(ray.narrow * per_mm, 1e-3f);
-        REAL inverse = 1.0f / (flank * corner);
-        kernels[i].foot = (ray.light - LOAD(begin, own + at)) * per_mm - 0.5f * (flank + corner);
-        kernels[i].flank = flank;
-        kernels[i].corner = corner;
-        kernels[i].bend = 0.5f * flank * inverse;
-        kernels[i].weight = ray.irradiance * share * (corner * inverse);
+        kernels[i].flank = ray.wide * per_mm;
+        kernels[i].corner = max(ray.narrow * per_mm, 1e-3f);
+        kernels[i].foot = (ray.light - LOAD(begin, own + at)) * per_mm
+                          - 0.5f * (kernels[i].flank + kernels[i].corner);
+        kernels[i].bend = 0.5f / kernels[i].corner;
+        kernels[i].weight = ray.irradiance * share / kernels[i].flank;
     }
+    REAL none = 0.0f;
     for (int lane = 0; lane < WIDTH; lane++) {
         uint from = first[own + at + lane];
         int count = (int)(first[own + at + lane + 1] - from);
-        float rise[TABLE_STEPS + 1 + NODES];
-        float slope[TABLE_STEPS + 1 + NODES];
-        for (int k = 0; k < count; k += NODES) {
-            *(Nodes *)(rise + k) = 0.0f;
-            *(Nodes *)(slope + k) = 0.0f;
+        float rise[TABLE_STEPS + 1 + WIDTH];
+        float slope[TABLE_STEPS + 1 + WIDTH];
+        for (int k = 0; k < count; k += WIDTH) {
+            STORE_PRIVATE(none, rise, k);
+            STORE_PRIVATE(none, slope, k);
         }
         for (int i = 0; i < sub_rays && count > 0; i++) {
             float weight = LANE(kernels[i].weight, lane);
             float foot = LANE(kernels[i].foot, lane);
-            float flank = LANE(kernels[i].flank, lane);
-            float corner = LANE(kernels[i].corner, lane);
-            float bend = LANE(kernels[i].bend, lane);
+            Trapezoid side;
+            side.flank = LANE(kernels[i].flank, lane);
+            side.corner = LANE(kernels[i].corner, lane);
+            side.bend = LANE(kernels[i].bend, lane);
             int k = foot > 0.0f ? (int)foot + 1 : 0;
-            float before = 0.0f;
-            for (; weight > 0.0f && before < flank && k < count; k += NODES) {
-                float16 up = (float)k + NODE_NUMBERS - foot;
-                up = up > 0.0f ? up : 0.0f;
-                up = up < flank + corner ? up : flank + corner;
-                float16 toe = up < corner ? up : corner;
-                float16 shoulder = up > flank ? up - flank : 0.0f;
-                float16 risen = (up - toe) + (toe * toe - shoulder * shoulder) * bend;
-                risen = up < flank + corner ? risen : flank;
-                float16 last = (float16)(before, risen.s012, risen.s3456, risen.s789a, risen.sbcd, risen.se);
-                before = risen.sf;
-                *(Nodes *)(rise + k) += weight * (risen - last);
-                *(Nodes *)(slope + k) += (2.0f * bend * weight) * (toe - shoulder);
+            float end = foot + LANE(kernels[i].flank, lane) + LANE(kernels[i].corner, lane) + 1.0f;
+            for (; weight > 0.0f && k < end && k < count; k += WIDTH) {
+                REAL y = ((float)k - foot) + LANES;
+                REAL more = risen(side, y) - risen(side, y - 1.0f);
+                STORE_PRIVATE(LOAD_PRIVATE(rise, k) + weight * more, rise, k);
+                STORE_PRIVATE(LOAD_PRIVATE(slope, k) + weight * rising(side, y), slope, k);
             }
         }
         float sum = 0.0f;

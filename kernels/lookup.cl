@@ -7,28 +7,8 @@
 #include "image.h"
 #include "level.h"
 
-/* Pixels seen sub-ray by sub-ray. */
-typedef struct {
-    __global const float *light;
-    __global const float *wide;
-    __global const float *narrow;
-    __global const float *irradiance;
-    size_t at;
-    size_t plane;
-    int sub_rays;
-} Pixels;
-
-#define RAY(px, i)                                                                            \
-    ray_of((px).light, (px).wide, (px).narrow, (px).irradiance, (px).at + (i) * (px).plane)
+#include "fetch.h"
 #include "scan.h"
-
-/* The table of a sensor's noise. */
-typedef struct {
-    __global const float *entries;
-    float last;
-} Cells;
-
-#define CELL(cells, i) four_at((cells).entries, TO_COUNTER(4.0f * (i)))
 #include "noise.h"
 
 /* Images of a pixel that are added up together, a whole number of CHUNKs. */
@@ -82,6 +62,7 @@ DEVICE void add_edges(REAL *seen, int c, int end, int images, Edges edges, int i
 typedef struct {
     REAL mean[EXPOSURES];
     REAL variance[EXPOSURES];
+    REAL normal; /* the number that draws a pixel's noise */
 } Sums;
 
 DEVICE void add_images(Sums *sums, Design d, REAL *seen, int images,
@@ -101,22 +82,16 @@ DEVICE void add_images(Sums *sums, Design d, REAL *seen, int images,
 }
 
 DEVICE void add_noisy_images(Sums *sums, Design d, REAL *seen, int images,
-                             __global const float *exposures, int count, Normals pattern,
+                             __global const float *exposures, int count, Response own,
                              Cells cells) {
-    float dn = d.full_scale - d.black_level;
-    float shot = 1.0f / d.saturation;
-    float read = d.read_noise * d.read_noise * shot * shot;
-    REAL none = 0.0f;
-    REAL own = max(1.0f + d.prnu * pattern.first, 0.0f);
-    REAL dark = max(d.dark_signal + d.dsnu * pattern.second, 0.0f) * shot;
+    Noise noise = noise_of(d, cells);
+    REAL dark = own.dark * noise.shot;
     for (int e = 0; e < count; e++) {
-        REAL gain = own * exposures[e];
+        REAL gain = own.gain * exposures[e];
         for (int n = 0; n < images; n++) {
-            REAL signal = gain * seen[n] + dark;
-            Excess excess = cell_excess(cells, place_of(signal));
-            REAL even = dn * dn * (shot * signal + read) + 1.0f / 12.0f;
-            sums->mean[e] += dn * min(signal, 1.0f) + excess.mean;
-            sums->variance[e] += (signal < 1.0f ? even : none) + excess.variance;
+            Moments m = moments_at(cells, noise, d, gain * seen[n] + dark);
+            sums->mean[e] += m.mean;
+            sums->variance[e] += m.variance;
         }
     }
 }
@@ -147,16 +122,13 @@ DEVICE void look_up(REAL *seen, Design d, Tables tables, int c, int end, int ima
     add_edges(seen, c, end, images, edges, 0, tables.nodes, 1.0f);
     add_edges(seen, c, end, images, ends, images - lead, tables.nodes, -1.0f);
     REAL full = GATHER(tables.whole, pixel);
-    REAL dark = full * (d.dark_leak + d.diffuse);
-    REAL bright = full * (1.0f - d.dark_leak);
     for (int n = 0; n < end - c; n++) {
-        seen[n] = dark + bright * max(seen[n], 0.0f);
+        seen[n] = exposure_of(d, max(seen[n], 0.0f), full, 1);
     }
 }
 
 /* The same from sub-rays. */
 DEVICE void add_up(REAL *seen, Design d, Pixels px, int c, int end) {
-    d.exposure = 1.0f;
     for (int first = c; first < end; first += CHUNK) {
         Signals signals = signals_from(d, px, first);
         for (int j = 0; j < CHUNK; j++) {
@@ -180,14 +152,19 @@ DEVICE void add_up(REAL *seen, Design d, Pixels px, int c, int end) {
 
 DEVICE Sums sums_of_images(SEEN) {
     Design d = *design;
+    d.exposure = 1.0f;
     Cells cells = {entries, last};
     Tables tables = {nodes, first, of, begin, step, steps, whole};
     size_t at = get_global_id(0) * WIDTH;
     Pixels px = {light, wide, narrow, irradiance, at, plane, sub_rays};
     COUNTER row = LOAD_COUNTERS(number, at) / columns;
-    Normals pattern = fixed_pattern(d, LOAD_COUNTERS(number, at) - row * columns, row);
+    COUNTER column = LOAD_COUNTERS(number, at) - row * columns;
+    Response own = response_of(fixed_pattern(d, column, row), d);
     int images = (int)d.distinct_shifts;
     Sums sums;
+    if (d.noise != 0.0f) {
+        sums.normal = normal_of(d, column, row);
+    }
     for (int e = 0; e < count; e++) {
         sums.mean[e] = 0.0f;
         sums.variance[e] = 0.0f;
@@ -203,7 +180,7 @@ DEVICE Sums sums_of_images(SEEN) {
         if (d.noise == 0.0f) {
             add_images(&sums, d, seen, end - c, exposures, count);
         } else {
-            add_noisy_images(&sums, d, seen, end - c, exposures, count, pattern, cells);
+            add_noisy_images(&sums, d, seen, end - c, exposures, count, own, cells);
         }
     }
     return sums;
@@ -211,20 +188,17 @@ DEVICE Sums sums_of_images(SEEN) {
 
 DEVICE Moments moments_of(Sums *sums, Design d, int e) {
     Moments m;
-    m.mean = d.black_level + sums->mean[e] / d.distinct_shifts;
+    m.mean = sums->mean[e] / d.distinct_shifts;
     m.variance = max(sums->variance[e], 0.0f) / (d.distinct_shifts * d.images);
     return m;
 }
 
 /* The aspect image or, with noise, one draw of it, see `one_draw`. */
-DEVICE REAL grey_of(Sums *sums, Design d, int e, __global const uint *number, uint columns) {
+DEVICE REAL grey_of(Sums *sums, Design d, int e) {
     if (d.noise == 0.0f) {
         return d.full_scale * sums->mean[e] / d.distinct_shifts;
     }
-    COUNTER own = LOAD_COUNTERS(number, get_global_id(0) * WIDTH);
-    COUNTER row = own / columns;
-    REAL normal = normal_of(d, own - row * columns, row);
-    return one_draw(moments_of(sums, d, e), normal, d.full_scale);
+    return one_draw(moments_of(sums, d, e), sums->normal, d.full_scale);
 }
 
 /* Stores a value of each of a work-item's pixels in a plane, as a float or as a byte. */
@@ -240,7 +214,7 @@ DEVICE REAL grey_of(Sums *sums, Design d, int e, __global const uint *number, ui
 __kernel void aspects_of_refined(__global float *grey_levels, uint places, SEEN) {
     Sums sums = sums_of_images(AS_GIVEN);
     for (int e = 0; e < count; e++) {
-        REAL grey = grey_of(&sums, *design, e, number, columns);
+        REAL grey = grey_of(&sums, *design, e);
         SCATTER(grey, grey_levels + e * (size_t)places, to, float)
     }
 }
@@ -258,7 +232,7 @@ __kernel void moments_of_refined(__global float *planes, uint places, SEEN) {
 __kernel void levels_of_refined(__global uchar *levels, uint places, SEEN, float per_dn) {
     Sums sums = sums_of_images(AS_GIVEN);
     for (int e = 0; e < count; e++) {
-        REAL level = level_of(grey_of(&sums, *design, e, number, columns), per_dn);
+        REAL level = level_of(grey_of(&sums, *design, e), per_dn);
         SCATTER(level, levels + e * (size_t)places, to, uchar)
     }
 }

@@ -129,9 +129,9 @@ DEVICE Trapezoid sensed(Trapezoid t, Normals pattern, Design d) {
         return sensed_alike(t, d);
     }
     float shot = 1.0f / d.saturation;
-    REAL gain = max(1.0f + d.prnu * pattern.first, 0.0f);
-    t.slope *= gain;
-    t.base = t.base * gain + max(d.dark_signal + d.dsnu * pattern.second, 0.0f) * shot;
+    Response own = response_of(pattern, d);
+    t.slope *= own.gain;
+    t.base = t.base * own.gain + own.dark * shot;
     return t;
 }
 
@@ -197,6 +197,17 @@ STRUCT(Moments) {
     REAL mean;     /* DN */
     REAL variance; /* DN^2 */
 };
+
+/* Those of one image, at a signal E. */
+DEVICE Moments moments_at(Cells cells, Noise n, Design d, REAL signal) {
+    REAL none = 0.0f;
+    Excess excess = cell_excess(cells, place_of(signal));
+    REAL even = n.dn * n.dn * (n.shot * signal + n.read) + 1.0f / 12.0f;
+    Moments m;
+    m.mean = d.black_level + n.dn * min(signal, 1.0f) + excess.mean;
+    m.variance = (signal < 1.0f ? even : none) + excess.variance;
+    return m;
+}
 
 /* Mean and variance of the noisy mean over a scan, over all draws of its noise: of the clipped mean,
    with the excess of the images on the plateaus and of those about to saturate. Where images are so

@@ -52,6 +52,7 @@
 typedef REAL Loose __attribute__((aligned(4)));
 #define LOAD_ANYWHERE(p, i) ((REAL)*(__global const Loose *)((p) + (i)))
 #define LOAD_PRIVATE(p, i) ((REAL)*(const Loose *)((p) + (i)))
+#define STORE_PRIVATE(v, p, i) (*(Loose *)((p) + (i)) = (v))
 #define LANE(v, i) ((v)[i])
 #define TO_MASK(x) (x)
 #define STORE_BYTE(v, p, i) \
@@ -136,6 +137,7 @@ typedef float Packed __attribute__((vector_size(4 * WIDTH)));
 #define LOAD_COUNTERS(p, i) (p)[i]
 #define LOAD_ANYWHERE(p, i) (p)[i]
 #define LOAD_PRIVATE(p, i) (p)[i]
+#define STORE_PRIVATE(v, p, i) (p)[i] = (v)
 #define LANE(v, i) (v)
 #define TO_MASK(x) (x)
 #define GATHER(p, i) (p)[i]

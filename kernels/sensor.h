@@ -88,12 +88,25 @@ DEVICE REAL saturated(REAL signal, float full_scale) {
     return full_scale * min(signal, 1.0f);
 }
 
+/* A pixel's own gain, and its dark signal in electrons, the same in every image. */
+STRUCT(Response) {
+    REAL gain;
+    REAL dark;
+};
+
+DEVICE Response response_of(Normals pattern, Design d) {
+    Response r;
+    r.gain = max(1.0f + d.prnu * pattern.first, 0.0f);
+    r.dark = max(d.dark_signal + d.dsnu * pattern.second, 0.0f);
+    return r;
+}
+
 /* Grey level of one pixel of one image with noise: electrons n ~ Poisson(mu_sat E + dark), plus
    N(0, sigma_d), clipped at saturation; y = clip(round(K n + black level), 0, full scale), quantised
    once. PRNU and DSNU scale and shift each pixel the same way in every image. */
 DEVICE REAL noisy_grey_level(REAL signal, Normals pattern, Words words, Design d) {
-    REAL mu = d.saturation * signal * max(1.0f + d.prnu * pattern.first, 0.0f)
-              + max(d.dark_signal + d.dsnu * pattern.second, 0.0f);
+    Response own = response_of(pattern, d);
+    REAL mu = d.saturation * signal * own.gain + own.dark;
     Normals normal = normal_numbers(words.b, words.c);
     REAL electrons = poisson_number(mu, uniform_number(words.a), normal.first)
                      + d.read_noise * normal.second;

@@ -6,14 +6,7 @@
 #include "sensor.h"
 #include "image.h"
 #include "level.h"
-
-/* The table of a sensor's noise. */
-typedef struct {
-    __global const float *entries;
-    float last;
-} Cells;
-
-#define CELL(cells, i) four_at((cells).entries, TO_COUNTER(4.0f * (i)))
+#include "fetch.h"
 #include "noise.h"
 
 /* Of pixels with noise: their normal numbers, for a draw, their gain and their dark signal. */

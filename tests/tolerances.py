@@ -472,6 +472,9 @@ NORMAL = 2e-5
 """Of a normal number: sine and logarithm in float32, up to 5.8; measured 5e-6."""
 CELL = 1e-4
 """Of a made table whose cells rise by 1: a place of up to 800 is rounded to 6e-5."""
+MOMENTS_DN = 0.01
+MOMENTS_VARIANCE = 4e-6
+"""Of one image: grey levels of 16 bits, and a variance of products, in float32."""
 CLIPPED_MEAN = 0.0025
 """What `clipped_mean` says it is within, and float32."""
 CLIPPED_VARIANCE = 0.0225

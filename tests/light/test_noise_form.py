@@ -139,7 +139,26 @@ def test_clipping_lowers_mean_and_variance_of_a_normal_number(device: Device) ->
     close(below, np.where(t < 0, half, 0.5 - half), atol=tolerances.CLIPPED_VARIANCE)
 
 
-@holds("sensed", wrong=("t.base * gain", "t.base"))
+@holds("moments_at", wrong=("signal < 1.0f ? even", "signal < 2.0f ? even"))
+def test_the_moments_of_one_image_are_those_of_even_noise_and_the_excess(device: Device) -> None:
+    d = Draws(98)
+    design = designs(d, noise=True)
+    signal = d.pixel(0, 2)
+    code = CELLS + "Moments m = moments_at(cells, noise_of(d, cells), d, signal);"
+    inputs = {"REAL signal": signal, "Design d": design}
+    mean, variance = device.call(NOISE, code, inputs, ("m.mean", "m.variance"))
+    names = "full_scale", "black_level", "saturation", "read_noise"
+    full, black, capacity, read = design_of(design, *names)
+    gain = (full - black) / capacity
+    above, more = excess(signal)
+    even = gain**2 * (capacity * signal + read**2) + 1 / 12
+    close(mean, black + gain * capacity * np.minimum(signal, 1) + above, atol=tolerances.MOMENTS_DN)
+    wanted = np.where(signal < 1, even, 0) + more
+    close(variance, wanted, atol=tolerances.CELL, rtol=tolerances.MOMENTS_VARIANCE)
+
+
+@holds("sensed", wrong=("t.base * own.gain", "t.base"))
+@holds("response_of", wrong=("d.dsnu * pattern.second", "d.dsnu * pattern.first"))
 @holds("sensed_alike", wrong=("t.base += d.dark_signal", "t.base += 2.0f * d.dark_signal"))
 def test_a_pixel_has_a_gain_and_a_dark_signal_of_its_own(device: Device) -> None:
     d = Draws(94)
@@ -149,18 +168,22 @@ def test_a_pixel_has_a_gain_and_a_dark_signal_of_its_own(device: Device) -> None
     code = (
         SEEN
         + """t.base += 0.125f; Normals p; p.first = first; p.second = second;
-        Trapezoid own = sensed(t, p, d); Trapezoid all = sensed_alike(t, d);"""
+        Trapezoid own = sensed(t, p, d); Trapezoid all = sensed_alike(t, d);
+        Response r = response_of(p, d);"""
     )
     inputs = {**seen, "REAL first": first, "REAL second": second, "Design d": design}
-    outputs = ("own.base", "own.slope", "all.base", "all.slope", "t.base", "t.slope")
+    outputs = ("own.base", "own.slope", "all.base", "all.slope", "r.gain", "r.dark", "t.base",
+               "t.slope")  # fmt: skip
     got = device.call(NOISE, code, inputs, outputs)
-    base, slope = (values.astype(np.float64) for values in got[4:])
+    base, slope = (values.astype(np.float64) for values in got[6:])
     names = "prnu", "dsnu", "dark_signal", "saturation"
     prnu, dsnu, dark, full = design_of(design, *names)
     gain = np.maximum(1 + prnu * first, 0)
     more = np.maximum(dark + dsnu * second, 0) / full
     for values, expected in zip(
-        got, (base * gain + more, slope * gain, base + dark / full, slope), strict=False
+        got,
+        (base * gain + more, slope * gain, base + dark / full, slope, gain, more * full),
+        strict=False,
     ):
         close(values, expected, atol=tolerances.SIDES, rtol=tolerances.SIDES)
 
