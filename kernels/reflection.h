@@ -2,6 +2,10 @@
 #ifndef REFLECTION_H
 #define REFLECTION_H
 
+#ifdef SLICED
+#include "slices.h"
+#endif
+
 /* Smallest footprint on the light, in mm: a point-sampled pixel, kept finite. */
 #define FOOTPRINT_MIN 1e-4f
 
@@ -132,6 +136,9 @@ STRUCT(CameraRay) {
     Vector point;     /* S, where it meets the surface */
     Vector direction; /* I = (x0, y0, -h)/h, through (x0, y0, 0) from the pinhole O = (0, 0, h) */
     REAL share;       /* k = 1 - z/h: S - O = k h I */
+#ifdef SLICED
+    Slice slice;      /* what of its pixel it stands for */
+#endif
 };
 
 /* Camera ray through (x0, y0, 0) to the height z: S = (x0 k, y0 k, z). */
@@ -325,9 +332,14 @@ DEVICE Footprint spot_footprint(Geometry g, Gradient d, REAL share, REAL disc, R
 
 /* Footprint on the light of a sub-ray's square, the pupil and the roughness. */
 DEVICE Footprint footprint_under(Geometry g, Gradient slope, CameraRay c, Mirror m, Hit hit) {
+#ifdef SLICED
+    REAL across = g.sampling * (c.slice.across_x * slope.x + c.slice.across_y * slope.y);
+    REAL down = g.sampling * (c.slice.along_x * slope.x + c.slice.along_y * slope.y);
+#else
     float p = g.sampling / g.subsampling;
     REAL across = p * slope.x;
     REAL down = p * slope.y;
+#endif
     float diameter = 0.8660254f * g.pupil / g.camera_height;
     REAL pupil = diameter * hit.path / c.share;
 #ifdef POSED
@@ -339,9 +351,11 @@ DEVICE Footprint footprint_under(Geometry g, Gradient slope, CameraRay c, Mirror
     if (g.roughness > 0.0f) {
         rough = 6.9282032f * g.roughness * hit.path * sqrt(inner(m.ray, m.ray));
     }
+#ifndef SLICED
     if (g.blur > 0.0f || g.focus > 0.0f) {
         return spot_footprint(g, slope, c.share, pupil * pupil, rough * rough);
     }
+#endif
     return two_boxes(across * across, down * down, pupil * pupil, rough * rough);
 }
 
@@ -401,6 +415,9 @@ STRUCT(Sight) {
    part is before its point; the rest as of `sight_from`. */
 DEVICE Sight posed_sight(Geometry g, Surface s, CameraRay c, float x, float y, REAL outline,
                          MASK hidden, MASK again) {
+#elif defined(SLICED)
+/* One ray whole of a slice of a pixel, from the camera over the surface `s` to the light. */
+DEVICE Sight slice_sight(Geometry g, Surface s, CameraRay c, float x, float y, REAL outline) {
 #else
 /* One ray whole, from the camera over the surface `s` at height z to the light; (x, y) is how far on
    z = 0 it is from its pixel's centre, where the camera is off focus; `outline` as in `loss_of`. */
@@ -420,6 +437,9 @@ DEVICE Sight sight_from(Geometry g, Surface s, REAL x0, REAL y0, REAL z, float x
     Gradient slope = light_gradient(g, s, c, m, hit);
     Footprint footprint = footprint_under(g, slope, c, m, hit);
     REAL irradiance = irradiance_of(g, c, m);
+#ifdef SLICED
+    irradiance *= c.slice.share;
+#endif
     if (g.lean != 0.0f) {
         light.x -= g.lean / c.share * (x * slope.turn_x + y * slope.turn_y);
     }
@@ -440,7 +460,7 @@ DEVICE Sight sight_from(Geometry g, Surface s, REAL x0, REAL y0, REAL z, float x
     return v;
 }
 
-#ifndef POSED
+#if !defined(POSED) && !defined(SLICED)
 /* The same of a pixel's centre. */
 DEVICE Sight sight(Geometry g, Surface s, REAL x0, REAL y0, REAL z, REAL outline) {
     return sight_from(g, s, x0, y0, z, 0.0f, 0.0f, outline);

@@ -10,8 +10,8 @@
 STRUCT(Place) {
     REAL column;
     REAL row;
-    float sub_x;
-    float sub_y;
+    WITHIN sub_x;
+    WITHIN sub_y;
     REAL shift_x; /* mm */
     REAL shift_y;
 };
@@ -254,21 +254,98 @@ DEVICE Sight posed_sub_ray(Geometry g, Lists lists, int first, int last, Place a
 
 #endif
 
+#ifdef SLICED
+
+/* Direction of the nearest groove. */
+STRUCT(Course) {
+    REAL square; /* of its distance, mm */
+    REAL x;
+    REAL y;
+};
+
+DEVICE Course nearest_course(Course c, Lists lists, int first, int last, Place at, float sampling) {
+    for (int i = first; i < last; i++) {
+        Groove piece = GROOVE(lists, PIECE(lists, i));
+        REAL dx = offset_mm(at.column, at.sub_x, piece.column, piece.column_fraction, sampling)
+                  + at.shift_x;
+        REAL dy = at.shift_y
+                  - offset_mm(at.row, at.sub_y, piece.row, piece.row_fraction, sampling);
+        Nearest point = nearest_point(dx, dy, piece);
+        MASK nearer = point.square < c.square;
+        c.square = nearer ? point.square : c.square;
+        c.x = nearer ? piece.inverse_length * piece.along_x : c.x;
+        c.y = nearer ? piece.inverse_length * piece.along_y : c.y;
+    }
+    return c;
+}
+
+/* The groove that crosses the pixel at (column, row): where the pixel's centre meets the shape. */
+DEVICE Course course_at(Geometry g, Lists lists, int first, int last, REAL column, REAL row) {
+    REAL none = 0.0f;
+    REAL x0 = ((column - 0.5f * g.columns) + 0.5f) * g.sampling;
+    REAL y0 = ((0.5f * g.rows - row) - 0.5f) * g.sampling;
+    float inverse = 1.0f / g.camera_height;
+    Place at;
+    at.column = column;
+    at.row = row;
+    at.sub_x = none + 0.5f;
+    at.sub_y = none + 0.5f;
+    at.shift_x = none;
+    at.shift_y = none;
+    REAL z = none;
+    int steps = g.rises > 0.0f ? NEWTON_STEPS : 0;
+    for (int k = 0; k < steps; k++) {
+        Surface s = shape_at(g, x0 + at.shift_x, y0 + at.shift_y);
+        z = newton_height(z, s, x0, y0, g.camera_height);
+        at.shift_x = -x0 * (z * inverse);
+        at.shift_y = -y0 * (z * inverse);
+    }
+    Course c;
+    c.square = none + 1e30f;
+    c.x = none + 1.0f;
+    c.y = none;
+#ifdef MIXED_BLOCKS
+    for (int i = 0; i < lists.blocks; i++) {
+        Course with = nearest_course(c, lists, lists.first[i], lists.last[i], at, g.sampling);
+        MASK mine = lists.mine[i];
+        c.square = mine ? with.square : c.square;
+        c.x = mine ? with.x : c.x;
+        c.y = mine ? with.y : c.y;
+    }
+#else
+    c = nearest_course(c, lists, first, last, at, g.sampling);
+#endif
+    return c;
+}
+
+#endif
+
 /* Sub-ray `index` of the pixel at (column, row) of the whole image, its block's grooves being
    `first` to `last`: the height at which it meets the part, by Newton's method where the surface
    rises, and what it sees there. */
+#ifdef SLICED
+DEVICE Sight slice_ray(Geometry g, Lists lists, int first, int last, REAL column, REAL row,
+                       Course course, int index) {
+#else
 DEVICE Sight sub_ray(Geometry g, Lists lists, int first, int last, REAL column, REAL row,
                      int index) {
-    int side = INT(g.subsampling);
+#endif
     float h = g.camera_height;
     float inverse = 1.0f / h;
     Place at;
     at.column = column;
     at.row = row;
+#ifdef SLICED
+    Slice slice = slice_of(-course.y, course.x, index, INT(g.subsampling));
+    at.sub_x = 0.5f + slice.x;
+    at.sub_y = 0.5f - slice.y;
+#else
+    int side = INT(g.subsampling);
     at.sub_x = (FLOAT(index % side) + 0.5f) / g.subsampling;
     at.sub_y = (FLOAT(index / side) + 0.5f) / g.subsampling;
     at.sub_x += spot_offset(g, at.sub_x - 0.5f);
     at.sub_y += spot_offset(g, at.sub_y - 0.5f);
+#endif
     REAL x0 = ((column - 0.5f * g.columns) + at.sub_x) * g.sampling;
     REAL y0 = ((0.5f * g.rows - row) - at.sub_y) * g.sampling;
 #ifdef POSED
@@ -285,10 +362,24 @@ DEVICE Sight sub_ray(Geometry g, Lists lists, int first, int last, REAL column, 
             z = newton_height(z, s, x0, y0, h);
         }
     }
+#ifdef SLICED
+    CameraRay c = camera_ray(x0, y0, z, h);
+    c.slice = slice;
+    return slice_sight(g, s, c, 0.0f, 0.0f, block_outline(lists, first, last, at, g.sampling));
+#else
     return sight_from(g, s, x0, y0, z, (at.sub_x - 0.5f) * g.sampling,
                       (0.5f - at.sub_y) * g.sampling,
                       block_outline(lists, first, last, at, g.sampling));
 #endif
+#endif
 }
+
+#ifdef SLICED
+DEVICE Sight sub_ray(Geometry g, Lists lists, int first, int last, REAL column, REAL row,
+                     int index) {
+    return slice_ray(g, lists, first, last, column, row,
+                     course_at(g, lists, first, last, column, row), index);
+}
+#endif
 
 #endif

@@ -74,9 +74,16 @@ DEVICE Surface shape_at(Geometry g, REAL x, REAL y) {
     return crown(x, y, g.curvature_x, g.curvature_y);
 }
 
+/* Where in a pixel a ray passes: at the same place of all, but for slices along a groove of its own. */
+#ifdef SLICED
+#define WITHIN REAL
+#else
+#define WITHIN float
+#endif
+
 /* Distance in mm from a station point, split into whole pixels and a fraction, to a sub-ray
    of pixel `index`: exact to a float's last bit wherever on the part it is. */
-DEVICE REAL offset_mm(REAL index, float sub, float whole, float fraction, float sampling) {
+DEVICE REAL offset_mm(REAL index, WITHIN sub, float whole, float fraction, float sampling) {
     return ((index - whole) + (sub - fraction)) * sampling;
 }
 

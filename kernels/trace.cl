@@ -34,8 +34,15 @@ trace_to(LIGHT_MAP(), __global uchar *lost, Geometry g, Lists lists, int first, 
          REAL column, REAL row, MASK there, int rays, size_t at, size_t plane) {
     REAL reason = LOST_BESIDE;
     REAL dark = 0.0f; /* what is no pixel sees no light */
+#ifdef SLICED
+    Course course = course_at(g, lists, first, last, column, row);
+#endif
     for (int i = 0; i < rays; i++) {
+#ifdef SLICED
+        Sight v = slice_ray(g, lists, first, last, column, row, course, i);
+#else
         Sight v = sub_ray(g, lists, first, last, column, row, i);
+#endif
         STORE(v.light, light, at + i * plane);
         STORE(v.wide, wide, at + i * plane);
         STORE(v.narrow, narrow, at + i * plane);
@@ -45,7 +52,11 @@ trace_to(LIGHT_MAP(), __global uchar *lost, Geometry g, Lists lists, int first, 
     STORE_BYTE(reason, lost, at);
 }
 
+#ifdef SLICED
+#define RAYS(g) ((int)(g).subsampling)
+#else
 #define RAYS(g) ((int)((g).subsampling * (g).subsampling))
+#endif
 
 #ifdef LISTED
 

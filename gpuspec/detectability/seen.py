@@ -52,8 +52,7 @@ class Seen:
             return cls.of(station, relief, listing.pixels, backend)
         return cls._of(
             RefinedLightMap(
-                station, lambda of, some: backend.traced(of, relief, some), listing.pixels,
-                listing.refinable.sides,
+                station, relief, backend.traced, listing.pixels, listing.refinable.sides
             ),
             listing.pixels[: listing.refinable.end],
         )  # fmt: skip

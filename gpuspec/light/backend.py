@@ -125,7 +125,7 @@ class Backend(ABC):
         relief = relief or Relief.of(station)
         if station.camera.subsampling != "auto":
             return self.traced(station, relief, pixels)
-        return RefinedLightMap(station, lambda of, some: self.traced(of, relief, some), pixels)
+        return RefinedLightMap(station, relief, self.traced, pixels)
 
     @abstractmethod
     def traced(self, station: Station, relief: Relief, pixels: Pixels | None = None) -> LightMap:

@@ -22,6 +22,7 @@ from gpuspec.station.materials import optical_constants
 from gpuspec.station.station import Station
 
 Array = NDArray[np.float64]
+Sides = tuple[Array | float, Array | float]
 Words = tuple[NDArray[np.uint32], ...]
 FOOTPRINT_MIN_MM = 1e-4
 POISSON_EXACT = 16.0
@@ -306,7 +307,12 @@ def ray_paths(station: Station, relief: Relief, x_mm: Any, y_mm: Any) -> Paths:
 
 
 def follow(
-    part: Part, station: Station, x0: Array, y0: Array, apart: tuple[float, float] = (0.0, 0.0)
+    part: Part,
+    station: Station,
+    x0: Array,
+    y0: Array,
+    apart: tuple[float, float] = (0.0, 0.0),
+    sides: tuple[Sides, Sides] | None = None,
 ) -> Paths:
     """Follow camera rays to the light; see :func:`ray_paths`.
 
@@ -320,6 +326,8 @@ def follow(
         Where the rays meet the plane z = 0, mm, of shapes that broadcast.
     apart : tuple of float
         How far that is from their pixels' centres, mm.
+    sides : tuple of two (x, y), optional
+        Of the parallelogram that each of them stands for, mm; None: squares of a side p/n.
     """
     camera, tunnel = station.camera, station.tunnel
     h, p = camera.height_mm, camera.sampling_mm / camera.side
@@ -344,7 +352,8 @@ def follow(
         return dl
 
     across, down = (
-        change(dp, dn, dp) for dp, dn in (met.moved(dx, dy) for dx, dy in ((p, 0.0), (0.0, p)))
+        change(dp, dn, dp)
+        for dp, dn in (met.moved(dx, dy) for dx, dy in sides or ((p, 0.0), (0.0, p)))
     )
     radius = camera.pupil_mm * path / viewing / 2
     spread = 2 * station.part.roughness_rad * path

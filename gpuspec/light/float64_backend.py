@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from gpuspec.arrays import Image
 from gpuspec.light.backend import Backend, DeviceInfo, chosen
 from gpuspec.light.diffuse import diffuse_share
-from gpuspec.light.float64 import Array, Part, follow, grey_level
+from gpuspec.light.float64 import Array, Part, grey_level
+from gpuspec.light.float64_rays import sliced, squared
 from gpuspec.light.float64_stripes import lit_fraction, mean_over_scan
 from gpuspec.light.levels import Pixels
 from gpuspec.light.light_map import FUSIONS, PLANES, LightMap, LightMapArrays, check_list
@@ -44,23 +45,15 @@ class NumpyLightMap(LightMap):
         self.pixels = pixels
         if pixels is not None:
             check_list(pixels, station)
-        image_rows, image_columns = station.shape
         rows, columns = self.shape
-        n, p = station.camera.side, station.camera.sampling_mm
+        rays = station.camera.sub_rays
         part = Part(station, relief)
-        arrays = [np.empty((n * n, rows, columns)) for _ in range(PLANES)]
-        lost = np.empty((n * n, rows, columns), np.uint8)
+        arrays = [np.empty((rays, rows, columns)) for _ in range(PLANES)]
+        lost = np.empty((rays, rows, columns), np.uint8)
+        sub_rays = sliced if station.camera.sliced else squared
         for band in self._bands():
             row, column = self._places(band)
-            for i in range(n * n):
-                x0: Array = (column + (i % n + 0.5) / n - image_columns / 2) * p
-                y0: Array = (image_rows / 2 - row - (i // n + 0.5) / n) * p
-                # Of a pixel that looks at a spot wider than itself they are spread over that.
-                east, north = ((i % n + 0.5) / n - 0.5, 0.5 - (i // n + 0.5) / n)
-                first, third = station.camera.spread
-                more = [p * (first * t + third * t**3) for t in (east, north)]
-                apart = (p * east + more[0], p * north + more[1])
-                paths = follow(part, station, x0 + more[0], y0 + more[1], apart)
+            for i, paths in enumerate(sub_rays(part, station, column, row)):
                 seen = paths.lost == 0
                 arrays[0][i, band] = np.where(seen, paths.light[..., 0], 0)
                 arrays[1][i, band] = paths.wide

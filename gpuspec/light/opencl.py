@@ -247,8 +247,8 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
         tile : PlanarTile
         """
         b, first_row, rows = self.backend, tile.first_row, tile.rows
-        prefix = "posed_" * self._posed
-        whole = "posed.cl" if self._posed else "trace.cl"
+        whole, listed = ("posed.cl", "posed_listed.cl") if self._posed else ("trace.cl", "listed.cl")
+        listed = "sliced.cl" if self.station.camera.sliced else listed
         for some in b.launches("trace", self._work[first_row : first_row + rows]):
             if self.pixels is None:
                 kernel = "trace" if self._sub_rays == 1 else "trace_sub_rays"
@@ -258,7 +258,7 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
                 )  # fmt: skip
             else:
                 self._start(
-                    f"{prefix}listed.cl", "trace_listed", some, *tile.planes, tile.lost,
+                    listed, "trace_listed", some, *tile.planes, tile.lost,
                     *self._inputs, self._listed[0], np.int32(first_row), np.int32(rows),
                 )  # fmt: skip
 

@@ -29,9 +29,8 @@ VECTORS = (16, 8)
 """Pixels of a REAL where it is a vector, the first with AVX-512; rows are padded to whole ones."""
 
 FILES = (
-    "trace.cl", "listed.cl", "posed.cl", "posed_listed.cl", "refine.cl", "aspect.cl",
-    "sequence.cl", "profiled.cl", "footprints.cl", "lookup.cl",
-    "sweep.cl",
+    "trace.cl", "listed.cl", "posed.cl", "posed_listed.cl", "sliced.cl", "refine.cl", 
+    "aspect.cl", "sequence.cl", "profiled.cl", "footprints.cl", "lookup.cl", "sweep.cl",
 )  # fmt: skip
 
 LAUNCH_SECONDS = 0.5

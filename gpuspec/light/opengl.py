@@ -336,6 +336,7 @@ class OpenGLLightMap(ShaderLightMap):
             *("MAPS",) * (len(records) > 0),
             *("NEWTON_STEPS 0", "POSED_STEPS 0") * (station.part.surface == "orientation"),
             *("POSED",) * (station.posed or march is not None),
+            *("SLICED",) * station.camera.sliced,
         )
         self._lists = {
             "grooves": backend.listed(piece_records(relief, station).reshape(-1, 4)),

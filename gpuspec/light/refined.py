@@ -18,11 +18,13 @@ from gpuspec.light.light_map import LightMap, LightMapArrays, in_closed_form
 from gpuspec.light.lists import Lists
 from gpuspec.light.patterns import Pattern
 from gpuspec.light.refined_levels import RefinedCounter
-from gpuspec.light.refinement import SIDES, Neighbourhood, bend_of
+from gpuspec.light.refinement import Neighbourhood, bend_of, by_cut
+from gpuspec.part.crossed import crossed
+from gpuspec.part.relief import Relief
 from gpuspec.station.station import Station
 
-Trace = Callable[[Station, Pixels | None], LightMap]
-"""Traces a station of a fixed number of sub-rays: its image, or a list of pixels."""
+Traced = Callable[[Station, Relief, Pixels | None], LightMap]
+"""Traces a station whose pixels are all cut in the same way: its image, or a list of pixels."""
 
 
 class RefinedLightMap(LightMap):
@@ -34,8 +36,10 @@ class RefinedLightMap(LightMap):
     ----------
     station : Station
         With ``camera.subsampling = "auto"``.
-    trace : callable
-        Of a backend.
+    relief : Relief
+        Of that station.
+    traced : callable
+        A backend's, see :meth:`gpuspec.light.backend.Backend.traced`.
     pixels : ndarray of uint32, shape (n,), optional
         Those of a list; None: all of the image.
     needed : callable, optional
@@ -46,37 +50,37 @@ class RefinedLightMap(LightMap):
     def __init__(
         self,
         station: Station,
-        trace: Trace,
+        relief: Relief,
+        traced: Traced,
         pixels: Pixels | None = None,
         needed: Callable[[LightMap], NDArray[np.uint8]] | None = None,
     ) -> None:
         self.station, self.pixels = station, pixels
-        self.base = trace(with_side(station, 1), pixels)
-        self._coarse = lambda some: trace(with_side(station, 1), some)
-        sides = (needed(self.base) if needed else self._needed(trace)).ravel()
-        candidates = _not_one(sides)
-        finer: list[LightMap] = []
-        places: list[Pixels] = [np.zeros(0, np.uint32)]
-        for side in SIDES:
-            own = candidates[sides[candidates] == side]
-            if len(own):
-                numbers = own if pixels is None else pixels[own]
-                finer.append(trace(with_side(station, side), numbers))
-                places.append(own)
+        self._coarse = lambda some: traced(with_cut(station, 1), relief, some)
+        self.base = traced(with_cut(station, 1), relief, pixels)
+        sides = (needed(self.base) if needed else self._needed()).ravel()
+        own = _not_one(sides)
+        numbers = own if pixels is None else pixels[own]
+        cuts = by_cut(sides[own], lambda some: crossed(station, relief, numbers[some]))
+        finer = [
+            traced(with_cut(station, cut), relief, numbers[some]) for cut, some in cuts.items()
+        ]
         self.lists = self.base.together(finer)
-        self.places = np.concatenate(places)
+        self.places = np.concatenate([own[some] for some in cuts.values()] or [own])
         """Where the lists' pixels stand in the image, or in the list that this is of."""
 
-    def _needed(self, trace: Trace) -> NDArray[np.uint8]:
+    def _needed(self) -> NDArray[np.uint8]:
         if self.pixels is None:
             return self.base.sides_needed()
         # A pixel's neighbours tell what it needs: those of a list are traced with theirs.
-        return _needed_in_list(self.station, self.pixels, trace)
+        return _needed_in_list(self.station, self.pixels, self._coarse)
 
     @property
     def refined(self) -> dict[int, int]:
         """See :attr:`LightMap.refined`."""
-        return {part.station.camera.side: part.shape[1] for part in self.lists.parts}
+        cuts = [part.station.camera.subsampling for part in self.lists.parts]
+        sizes = [part.shape[1] for part in self.lists.parts]
+        return {cut: size for cut, size in zip(cuts, sizes, strict=True) if cut != "auto"}
 
     @property
     def parts(self) -> tuple[LightMap, ...]:
@@ -212,15 +216,16 @@ class _ByWay:
         return found or Levels.empty(0, 0)
 
 
-def with_side(station: Station, side: int) -> Station:
-    """Return a station whose pixels all have side x side sub-rays.
+def with_cut(station: Station, cut: int) -> Station:
+    """Return a station whose pixels are all cut in the same way.
 
     Parameters
     ----------
     station : Station
-    side : int
+    cut : int
+        Into n x n squares, or -n slices along the groove that crosses each.
     """
-    camera = station.camera.model_copy(update={"subsampling": side})
+    camera = station.camera.model_copy(update={"subsampling": cut})
     return station.model_copy(update={"camera": camera})
 
 
@@ -234,10 +239,12 @@ def _not_one(needed: NDArray[np.uint8]) -> Pixels:
     return found
 
 
-def _needed_in_list(station: Station, pixels: Pixels, trace: Trace) -> NDArray[np.uint8]:
+def _needed_in_list(
+    station: Station, pixels: Pixels, coarse: Callable[[Pixels], LightMap]
+) -> NDArray[np.uint8]:
     """Return the sub-rays on a side that each pixel of a list needs, as in the image."""
     own, places = np.unique(pixels, return_inverse=True)
     around = Neighbourhood(own.astype(np.int64), station.shape)
-    arrays = trace(with_side(station, 1), around.pixels.astype(np.uint32)).read()
+    arrays = coarse(around.pixels.astype(np.uint32)).read()
     light, wide = arrays.light_mm[0, 0], arrays.wide_mm[0, 0]
     return around.sides_needed(light, wide, bend_of(station.camera))[places]

@@ -27,7 +27,7 @@ COPY, TRACE, CLOSED_FORM, IMAGES, SWEEP = (
 )  # fmt: skip
 ROWS = (COPY, TRACE, CLOSED_FORM, IMAGES, SWEEP)
 FILES = {
-    TRACE: ("trace.cl", "listed.cl", "posed.cl", "posed_listed.cl", "refine.cl"),
+    TRACE: ("trace.cl", "listed.cl", "posed.cl", "posed_listed.cl", "sliced.cl", "refine.cl"),
     CLOSED_FORM: ("aspect.cl",),
     IMAGES: ("sequence.cl", "profiled.cl", "footprints.cl", "lookup.cl"),
     SWEEP: ("sweep.cl",),

@@ -386,6 +386,7 @@ class VulkanLightMap(ShaderLightMap):
             *(("MAPS",) if self._maps else ()),
             *("NEWTON_STEPS 0", "POSED_STEPS 0") * (station.part.surface == "orientation"),
             *("POSED",) * (station.posed or march is not None),
+            *("SLICED",) * station.camera.sliced,
         )
         per_row = 4 * self._columns * (PLANES * self._sub_rays + 2 * len(FUSIONS))
         largest_row = 4 * self._columns * max(PLANES * self._sub_rays, len(FUSIONS))

@@ -19,7 +19,7 @@ from gpuspec.errors import GpuspecError, OutputError
 from gpuspec.files import changed
 from gpuspec.light.backend import DeviceInfo
 from gpuspec.light.patterns import Pattern
-from gpuspec.light.refinement import SIDES, counted
+from gpuspec.light.refinement import CUTS, counted, name_of
 from gpuspec.part.relief import Relief
 from gpuspec.part.truth import Truth
 from gpuspec.report.folder import ARRAYS, KIND, PATTERN
@@ -91,12 +91,12 @@ def _result(folder: Path, said: dict[str, Any]) -> Result:
         raise ValueError("its score is not that of the images beside it")
     table = confusion([defect.kind for defect in defects], zones, labels, found.classes)
     truth = Truth(zones, defects)
-    refined = {side: int(said["refined"][str(side)]) for side in SIDES}
+    refined = {cut: int(said["refined"][name_of(cut)]) for cut in CUTS}
     if counted(refined) != said["refined"]:
         raise ValueError("its numbers of refined pixels do not add up")
     light_map = ScoredLightMap(
         station, info, relief, truth, lost, pattern=pattern,
-        refined={side: pixels for side, pixels in refined.items() if pixels},
+        refined={cut: pixels for cut, pixels in refined.items() if pixels},
     )  # fmt: skip
     return Result(
         station, info, aspect, lost, zones, defects, found, scored, table, light_map, relief,

@@ -407,13 +407,22 @@ class Camera(Section):
 
     @property
     def side(self) -> int:
-        """Sub-rays on each side of a pixel; with auto of one that is not refined."""
-        return 1 if self.subsampling == "auto" else self.subsampling
+        """Sub-rays on each side of a pixel, or its slices; with auto of one that is not refined."""
+        return 1 if self.subsampling == "auto" else abs(self.subsampling)
+
+    @property
+    def sliced(self) -> bool:
+        """Whether pixels are in slices along the groove that crosses each, a sub-ray a slice.
+
+        No file says so: a ``subsampling`` below 0 is of a list, see
+        :mod:`gpuspec.light.refinement`.
+        """
+        return self.subsampling != "auto" and self.subsampling < 0
 
     @property
     def sub_rays(self) -> int:
         """Sub-rays of a pixel; with auto of one that is not refined."""
-        return self.side**2
+        return self.side if self.sliced else self.side**2
 
 
 class Sensor(Section):

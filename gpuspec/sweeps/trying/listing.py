@@ -13,7 +13,8 @@ from gpuspec.arrays import BESIDE, Lost
 from gpuspec.light.constants import NO_PIXEL
 from gpuspec.light.levels import Pixels, Sample, Zones
 from gpuspec.light.light_map import LightMap
-from gpuspec.light.refinement import SIDES, Neighbourhood, bend_of
+from gpuspec.light.refinement import Neighbourhood, bend_of, by_cut
+from gpuspec.part.crossed import Crossed
 from gpuspec.part.grooves import Grooves, blocks
 from gpuspec.part.guard import REACH_PX, near
 from gpuspec.part.relief import Relief
@@ -46,6 +47,8 @@ class Refinable:
         From which place on there are but neighbours.
     bend : float
         See :func:`gpuspec.light.refinement.bend_of`.
+    crossed : Crossed
+        Of these pixels, in the order of `own`.
     """
 
     around: Neighbourhood
@@ -53,18 +56,18 @@ class Refinable:
     known: Ints
     end: int
     bend: float
+    crossed: Crossed
 
     def places(self, light: NDArray[np.float32], wide: NDArray[np.float32]) -> dict[int, Pixels]:
-        """Return the places of the pixels that need sub-rays, by their number on a side.
+        """Return the places of the pixels that are refined, by how they are cut.
 
         Parameters
         ----------
         light, wide : ndarray of float32, shape (n,)
             Light coordinate and wider box of the list's pixels, mm.
         """
-        needed = self.around.sides_needed(light[self.known], wide[self.known], self.bend)
-        found = {side: self.own[needed == side].astype(np.uint32) for side in SIDES}
-        return {side: places for side, places in found.items() if len(places)}
+        found = by_cut(self._needed(light, wide), self.crossed.at)
+        return {cut: self.own[some].astype(np.uint32) for cut, some in found.items()}
 
     def sides(self, light_map: LightMap) -> NDArray[np.uint8]:
         """Return how many sub-rays each pixel of the list needs on a side.
@@ -76,9 +79,13 @@ class Refinable:
         """
         arrays = light_map.read()
         found = np.ones(light_map.shape, np.uint8)
-        for side, places in self.places(arrays.light_mm[0, 0], arrays.wide_mm[0, 0]).items():
-            found.flat[places] = side
+        found.flat[self.own] = self._needed(arrays.light_mm[0, 0], arrays.wide_mm[0, 0])
         return found
+
+    def _needed(
+        self, light: NDArray[np.float32], wide: NDArray[np.float32]
+    ) -> NDArray[np.uint8]:
+        return self.around.sides_needed(light[self.known], wide[self.known], self.bend)
 
 
 @dataclass(frozen=True)
@@ -213,7 +220,7 @@ def listed(
     inside = inside[np.argsort(owner[inside], kind="stable")]
     sizes = np.bincount(owner[inside], minlength=len(truth.defects) + 1)[1:]
     listing = _in_order(around[inside], sizes, (around[owner == 0], others, chosen), weight)
-    return _refinable(listing, station) if station.camera.subsampling == "auto" else listing
+    return _refinable(listing, station, relief) if station.camera.subsampling == "auto" else listing
 
 
 def _in_order(inside: Ints, sizes: Ints, others: Sequence[Ints], weight: int) -> Listing:
@@ -233,7 +240,7 @@ def _in_order(inside: Ints, sizes: Ints, others: Sequence[Ints], weight: int) ->
     return Listing(pixels, zones, near, chosen, weight)
 
 
-def _refinable(listing: Listing, station: Station) -> Listing:
+def _refinable(listing: Listing, station: Station, relief: Relief) -> Listing:
     """Return the list with the neighbours of zones and what is near them at its end."""
     own = np.sort(listing.itself).astype(np.int64)
     places = np.flatnonzero(listing.pixels != NO_PIXEL)[: len(own)]
@@ -252,7 +259,10 @@ def _refinable(listing: Listing, station: Station) -> Listing:
         listing,
         pixels=pixels,
         zones=zones,
-        refinable=Refinable(around, places, known, len(listing.pixels), bend_of(station.camera)),
+        refinable=Refinable(
+            around, places, known, len(listing.pixels), bend_of(station.camera),
+            Crossed(station, relief, own),
+        ),
     )
 
 

@@ -18,7 +18,7 @@ from gpuspec.arrays import BESIDE
 from gpuspec.light.backend import Backend
 from gpuspec.light.levels import LevelCounter, Levels, Pixels, Sample, Zones
 from gpuspec.light.light_map import LIGHT, LightMap, in_closed_form
-from gpuspec.light.refined import with_side
+from gpuspec.light.refined import with_cut
 from gpuspec.light.refined_levels import RefinedCounter
 from gpuspec.part.guard import near
 from gpuspec.part.placement import place
@@ -339,8 +339,8 @@ class Screen:
         counter = base.counter(zones, sample)
         if finer:
             parts = [
-                self._traced(station, backend, side, self.listing.pixels[own])
-                for side, own in finer.items()
+                self._traced(station, backend, cut, self.listing.pixels[own])
+                for cut, own in finer.items()
             ]
             lists, places = base.together(parts), np.concatenate(list(finer.values()))
             lost.flat[places] = lists.each(lambda part: part.lost())
@@ -353,7 +353,7 @@ class Screen:
 
     def _surveyed(self, station: Station, backend: Backend) -> tuple[Bounds, Noise]:
         """Return what bounds the pixels that are not listed, and their noise, from all of them."""
-        light_map = backend.traced(with_side(station, 1), self.relief)
+        light_map = backend.traced(with_cut(station, 1), self.relief)
         arrays = light_map.read()
         light_map.release()
         rest = arrays.lost != BESIDE
@@ -362,16 +362,16 @@ class Screen:
         planes = (arrays.wide_mm, arrays.narrow_mm, arrays.irradiance)
         return surveyed(arrays, rest), Noise(*(plane[0].flat[beyond] for plane in planes))
 
-    def _traced(self, station: Station, backend: Backend, side: int, pixels: Pixels) -> LightMap:
-        """Return the light map of some pixels with side x side sub-rays."""
-        station = with_side(station, side)
-        before = self._before.get(side)
+    def _traced(self, station: Station, backend: Backend, cut: int, pixels: Pixels) -> LightMap:
+        """Return the light map of some pixels, all cut in the same way."""
+        station = with_cut(station, cut)
+        before = self._before.get(cut)
         if before is None:
             light_map = backend.traced(station, self.relief, pixels)
         else:
-            again = None if side == 1 else pixels
+            again = None if cut == 1 else pixels
             light_map = backend.trace_again(before, station, again)
-        self._before[side] = light_map
+        self._before[cut] = light_map
         return light_map
 
 

@@ -1,0 +1,154 @@
+"""The sub-rays of pixels in float64: of squares, or of slices along the groove that crosses each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gpuspec.light.float64 import Array, Part, Paths, Sides, follow
+from gpuspec.part.view import surface_points
+from gpuspec.station.station import Station
+
+_NODE = 0.5 / np.sqrt(3)  # of Gauss and Legendre, from the middle of an interval of length 1
+
+
+def centres(
+    station: Station, column: NDArray[Any], row: NDArray[Any]
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return where on z = 0 the centres of pixels are, mm; y points up."""
+    (rows, columns), p = station.shape, station.camera.sampling_mm
+    return (column + 0.5 - columns / 2) * p, (rows / 2 - row - 0.5) * p
+
+
+def squared(
+    part: Part, station: Station, column: NDArray[Any], row: NDArray[Any]
+) -> Iterator[Paths]:
+    """Yield each of the n x n sub-rays of pixels, row by row within the pixel.
+
+    Parameters
+    ----------
+    part : Part
+    station : Station
+    column, row : ndarray
+        Of the pixels, of shapes that broadcast.
+    """
+    n, p = station.camera.side, station.camera.sampling_mm
+    x, y = centres(station, column, row)
+    first, third = station.camera.spread
+    for i in range(n * n):
+        east, north = (i % n + 0.5) / n - 0.5, 0.5 - (i // n + 0.5) / n
+        # Of a pixel that looks at a spot wider than itself they are spread over that.
+        apart = p * (east + first * east + third * east**3), p * (
+            north + first * north + third * north**3
+        )
+        yield follow(part, station, x + apart[0], y + apart[1], apart)
+
+
+def sliced(
+    part: Part, station: Station, column: NDArray[Any], row: NDArray[Any]
+) -> Iterator[Paths]:
+    """Yield the sub-ray of each slice of pixels that a groove crosses.
+
+    Parameters
+    ----------
+    part : Part
+    station : Station
+    column, row : ndarray
+        Of the pixels, of one shape.
+    """
+    p = station.camera.sampling_mm
+    x, y = centres(station, column, row)
+    along = course(part, *surface_points(station, column, row))
+    for dx, dy, sides, share in slices((-along[1], along[0]), station.camera.side):
+        across, down = ((p * side[0], p * side[1]) for side in sides)
+        paths = follow(part, station, x + p * dx, y + p * dy, sides=(across, down))
+        yield Paths(**{**vars(paths), "irradiance": paths.irradiance * share})
+
+
+def course(part: Part, x: Array, y: Array) -> tuple[Array, Array]:
+    """Return the direction of the groove that is the nearest to each point.
+
+    Parameters
+    ----------
+    part : Part
+        With a groove, of some length.
+    x, y : ndarray
+        In mm.
+    """
+    best = np.full(x.shape, np.inf)
+    found = np.zeros((2, *x.shape))
+    for start_x, start_y, end_x, end_y in part.grooves.ends:
+        length = np.hypot(end_x - start_x, end_y - start_y)
+        if not length:
+            continue
+        ux, uy = (end_x - start_x) / length, (end_y - start_y) / length
+        foot = np.clip((x - start_x) * ux + (y - start_y) * uy, 0, length)
+        distance = np.hypot(x - start_x - foot * ux, y - start_y - foot * uy)
+        found[:, distance < best] = [[ux], [uy]]
+        best = np.minimum(best, distance)
+    return found[0], found[1]
+
+
+def slices(
+    across: tuple[Array, Array], count: int
+) -> Iterator[tuple[Array, Array, tuple[Sides, Sides], Array]]:
+    """Yield the slices of unit squares, from one corner to the one opposite.
+
+    Chords are integrated between where they begin to grow or to shrink: a slice is that far exact
+    in its area, its middle and its variance, which a parallelogram of two sides has.
+
+    Parameters
+    ----------
+    across : tuple of two ndarray
+        Unit vectors, along which slices follow one another.
+    count : int
+        Even.
+
+    Yields
+    ------
+    x, y : ndarray
+        The middle.
+    sides : tuple of two (x, y)
+    share : ndarray
+        Area over that of one slice if all were as large.
+    """
+    nx, ny = np.asarray(across[0], float), np.asarray(across[1], float)
+    thin, wide = np.sort(np.abs([nx, ny]), axis=0)
+    few = np.clip(np.rint(count * thin / (thin + wide)), 1, count // 2 - 1)
+    for i in range(count):
+        place = min(i, count - 1 - i)
+        behind = [  # the corner, the slice's two faces
+            np.where(
+                nth <= few,
+                thin * nth / few,
+                thin + (wide - thin) / 2 * (nth - few) / (count / 2 - few),
+            )
+            for nth in (place, place + 1)
+        ]
+        sign = -1 if 2 * i < count else 1
+        middle, step = (behind[0] + behind[1]) / 2, behind[1] - behind[0]
+        ends = [_chord(sign * nx, sign * ny, middle + node * step) for node in (-_NODE, _NODE)]
+        weights = np.array([length for _, length in ends])
+        total = np.maximum(weights.sum(axis=0), 1e-300)
+        share = weights / total
+        (a, _), (b, _) = ends
+        x, y = share[0] * a + share[1] * b
+        spread = np.sqrt(12 * share[0] * share[1])
+        length = np.sqrt((weights**3).sum(axis=0) / total)
+        sides = (spread * (b[0] - a[0]), spread * (b[1] - a[1])), (-length * ny, length * nx)
+        yield x, y, sides, count * step * weights.mean(axis=0)
+
+
+def _chord(nx: Array, ny: Array, depth: Array) -> tuple[Array, Array]:
+    """Return middle and length of a unit square's chord across n, behind its furthest corner."""
+    signs = np.where(np.array([nx, ny]) < 0, -1.0, 1.0)
+    size = np.maximum(np.abs([nx, ny]), 1e-300)
+    # From that corner along its two sides, or on those that go on from their ends.
+    legs = depth / size
+    over = np.maximum(depth - size, 0) / size[::-1]
+    first = np.array([np.minimum(legs[0], 1), over[0]])
+    second = np.array([over[1], np.minimum(legs[1], 1)])
+    return signs * (0.5 - (first + second) / 2), np.hypot(*(first - second))
