@@ -36,7 +36,7 @@ __kernel void measure_footprints(__global float *begin, __global float *step,
         low = (seen ? min(low, ray.light - reach) : low);
         high = (seen ? max(high, ray.light + reach) : high);
         REAL weight = (seen ? ray.irradiance : none);
-        REAL bent = weight / (ray.wide * max(ray.narrow, ray.wide * (1.0f / 16.0f)));
+        REAL bent = weight / (ray.wide * max(ray.narrow, ray.wide * (1.0f / 32.0f)));
         sum += weight;
         squares += bent * bent;
     }

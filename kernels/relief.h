@@ -254,15 +254,72 @@ DEVICE Sight posed_sub_ray(Geometry g, Lists lists, int first, int last, Place a
 
 #endif
 
-#ifdef SLICED
+#ifndef POSED
 
-/* Direction of the nearest groove. */
+/* Where a place's ray meets the part. */
+STRUCT(Meeting) {
+    Surface surface;
+    Place at;
+    REAL z;
+};
+
+/* Where the ray through (x0, y0, 0) does, by Newton's method where the surface rises. */
+DEVICE Meeting meeting_of(Geometry g, Lists lists, int first, int last, Place at, REAL x0,
+                          REAL y0) {
+    float inverse = 1.0f / g.camera_height;
+    Meeting m;
+    m.z = 0.0f;
+    m.at = at;
+    int steps = g.rises > 0.0f ? NEWTON_STEPS : 0;
+    for (int k = 0; k <= steps; k++) {
+        m.at.shift_x = -x0 * (m.z * inverse);
+        m.at.shift_y = -y0 * (m.z * inverse);
+        m.surface = part_at(g, lists, first, last, m.at, x0, y0);
+        if (k < steps) {
+            m.z = newton_height(m.z, m.surface, x0, y0, g.camera_height);
+        }
+    }
+    return m;
+}
+
+#endif
+
+#ifndef SLICED
+
+/* Sub-ray `index` of the pixel at (column, row) of the whole image, its block's grooves being
+   `first` to `last`: where it meets the part, and what it sees there. */
+DEVICE Sight sub_ray(Geometry g, Lists lists, int first, int last, REAL column, REAL row,
+                     int index) {
+    int side = INT(g.subsampling);
+    Place at;
+    at.column = column;
+    at.row = row;
+    at.sub_x = (FLOAT(index % side) + 0.5f) / g.subsampling;
+    at.sub_y = (FLOAT(index / side) + 0.5f) / g.subsampling;
+    at.sub_x += spot_offset(g, at.sub_x - 0.5f);
+    at.sub_y += spot_offset(g, at.sub_y - 0.5f);
+    REAL x0 = ((column - 0.5f * g.columns) + at.sub_x) * g.sampling;
+    REAL y0 = ((0.5f * g.rows - row) - at.sub_y) * g.sampling;
+#ifdef POSED
+    return posed_sub_ray(g, lists, first, last, at, x0, y0);
+#else
+    Meeting m = meeting_of(g, lists, first, last, at, x0, y0);
+    return sight_from(g, m.surface, x0, y0, m.z, (at.sub_x - 0.5f) * g.sampling,
+                      (0.5f - at.sub_y) * g.sampling,
+                      block_outline(lists, first, last, m.at, g.sampling));
+#endif
+}
+
+#else
+
+/* Direction of a groove, a unit vector. */
 STRUCT(Course) {
     REAL square; /* of its distance, mm */
     REAL x;
     REAL y;
 };
 
+/* The nearest of a block's grooves, if it is nearer than `c`. */
 DEVICE Course nearest_course(Course c, Lists lists, int first, int last, Place at, float sampling) {
     for (int i = first; i < last; i++) {
         Groove piece = GROOVE(lists, PIECE(lists, i));
@@ -279,7 +336,8 @@ DEVICE Course nearest_course(Course c, Lists lists, int first, int last, Place a
     return c;
 }
 
-/* The groove that crosses the pixel at (column, row): where the pixel's centre meets the shape. */
+/* The groove that crosses the pixel at (column, row): the nearest to where its centre meets the
+   shape. */
 DEVICE Course course_at(Geometry g, Lists lists, int first, int last, REAL column, REAL row) {
     REAL none = 0.0f;
     REAL x0 = ((column - 0.5f * g.columns) + 0.5f) * g.sampling;
@@ -318,68 +376,32 @@ DEVICE Course course_at(Geometry g, Lists lists, int first, int last, REAL colum
     return c;
 }
 
-#endif
-
-/* Sub-ray `index` of the pixel at (column, row) of the whole image, its block's grooves being
-   `first` to `last`: the height at which it meets the part, by Newton's method where the surface
-   rises, and what it sees there. */
-#ifdef SLICED
+/* Slice `index` of the pixel at (column, row) of the whole image along its groove, its block's grooves
+   being `first` to `last`: what its ray sees. */
 DEVICE Sight slice_ray(Geometry g, Lists lists, int first, int last, REAL column, REAL row,
-                       Course course, int index) {
-#else
-DEVICE Sight sub_ray(Geometry g, Lists lists, int first, int last, REAL column, REAL row,
-                     int index) {
-#endif
-    float h = g.camera_height;
-    float inverse = 1.0f / h;
+                       Course groove, int index) {
+    Slice slice = slice_of(-groove.y, groove.x, index, INT(g.subsampling));
     Place at;
     at.column = column;
     at.row = row;
-#ifdef SLICED
-    Slice slice = slice_of(-course.y, course.x, index, INT(g.subsampling));
     at.sub_x = 0.5f + slice.x;
     at.sub_y = 0.5f - slice.y;
-#else
-    int side = INT(g.subsampling);
-    at.sub_x = (FLOAT(index % side) + 0.5f) / g.subsampling;
-    at.sub_y = (FLOAT(index / side) + 0.5f) / g.subsampling;
-    at.sub_x += spot_offset(g, at.sub_x - 0.5f);
-    at.sub_y += spot_offset(g, at.sub_y - 0.5f);
-#endif
     REAL x0 = ((column - 0.5f * g.columns) + at.sub_x) * g.sampling;
     REAL y0 = ((0.5f * g.rows - row) - at.sub_y) * g.sampling;
-#ifdef POSED
-    return posed_sub_ray(g, lists, first, last, at, x0, y0);
-#else
-    REAL z = 0.0f;
-    Surface s;
-    int steps = g.rises > 0.0f ? NEWTON_STEPS : 0;
-    for (int k = 0; k <= steps; k++) {
-        at.shift_x = -x0 * (z * inverse);
-        at.shift_y = -y0 * (z * inverse);
-        s = part_at(g, lists, first, last, at, x0, y0);
-        if (k < steps) {
-            z = newton_height(z, s, x0, y0, h);
-        }
-    }
-#ifdef SLICED
-    CameraRay c = camera_ray(x0, y0, z, h);
+    Meeting m = meeting_of(g, lists, first, last, at, x0, y0);
+    CameraRay c = camera_ray(x0, y0, m.z, g.camera_height);
     c.slice = slice;
-    return slice_sight(g, s, c, 0.0f, 0.0f, block_outline(lists, first, last, at, g.sampling));
-#else
-    return sight_from(g, s, x0, y0, z, (at.sub_x - 0.5f) * g.sampling,
-                      (0.5f - at.sub_y) * g.sampling,
-                      block_outline(lists, first, last, at, g.sampling));
-#endif
-#endif
+    return slice_sight(g, m.surface, c, 0.0f, 0.0f,
+                       block_outline(lists, first, last, m.at, g.sampling));
 }
 
-#ifdef SLICED
+/* The same, its groove not known. */
 DEVICE Sight sub_ray(Geometry g, Lists lists, int first, int last, REAL column, REAL row,
                      int index) {
     return slice_ray(g, lists, first, last, column, row,
                      course_at(g, lists, first, last, column, row), index);
 }
+
 #endif
 
 #endif

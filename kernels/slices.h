@@ -1,5 +1,5 @@
 /* A pixel that one straight groove crosses, in slices along it: across them alone its light coordinate
-   bends, so that they tell in 16 rays what squares tell in 64. */
+   bends, so that they tell in 20 rays what squares tell in 64. */
 #ifndef SLICES_H
 #define SLICES_H
 

@@ -79,14 +79,14 @@ class Backend(ABC):
     def trace_again(
         self, light_map: LightMap, station: Station, pixels: Pixels | None = None
     ) -> LightMap:
-        """Trace the part of a light map under another tunnel: the same part, the same camera.
+        """Trace the part of a light map under another tunnel, seen by the same camera.
 
         Parameters
         ----------
         light_map : LightMap
             Of this backend.
         station : Station
-            What else it says than of the tunnel, stripes, sensor or sequence is not looked at.
+            Of another tunnel or, where rays meet the part at z = 0, of another crown.
         pixels : ndarray of uint32, shape (n,), optional
             Those of a list; None: the same as before.
 

@@ -438,7 +438,7 @@ class _Met:
     size: Array
     place: Array
     share: Array
-    moved: Callable[[float, float], tuple[Array, Array]]
+    moved: Callable[[Array | float, Array | float], tuple[Array, Array]]
     pupil: tuple[Array, ...]
     hidden: Any = False
     again: Any = False
@@ -458,7 +458,7 @@ def _plain(part: Part, station: Station, x0: Array, y0: Array) -> _Met:
     upright = np.stack([-s.zx, -s.zy, np.ones_like(z)])
     size = np.sqrt(_dot(upright, upright))
 
-    def moved(dx: float, dy: float) -> tuple[Array, Array]:
+    def moved(dx: Array | float, dy: Array | float) -> tuple[Array, Array]:
         dz = (s.zx * dx + s.zy * dy) * k / (1 + (s.zx * x0 + s.zy * y0) / h)
         if station.part.surface == "orientation":
             dz = np.zeros_like(z)
@@ -495,7 +495,7 @@ def _posed(part: Part, station: Station, x0: Array, y0: Array) -> _Met:
         there: Array = np.tensordot(frames.turn, v, 1)
         return there
 
-    def moved(dx: float, dy: float) -> tuple[Array, Array]:
+    def moved(dx: Array | float, dy: Array | float) -> tuple[Array, Array]:
         step = (frames.view @ [dx, dy, 0.0]).reshape(3, *[1] * s.z.ndim)
         dp = share * (step - look * _dot(kept, step + 0 * look) / _dot(kept, look))
         return turned(dp), turned(_turning(s, dp))

@@ -1,4 +1,4 @@
-"""The sub-rays of pixels in float64: of squares, or of slices along the groove that crosses each."""
+"""The sub-rays of pixels in float64: of squares, or of slices along a groove that crosses each."""
 
 from __future__ import annotations
 
@@ -41,8 +41,9 @@ def squared(
     for i in range(n * n):
         east, north = (i % n + 0.5) / n - 0.5, 0.5 - (i // n + 0.5) / n
         # Of a pixel that looks at a spot wider than itself they are spread over that.
-        apart = p * (east + first * east + third * east**3), p * (
-            north + first * north + third * north**3
+        apart = (
+            p * (east + first * east + third * east**3),
+            p * (north + first * north + third * north**3),
         )
         yield follow(part, station, x + apart[0], y + apart[1], apart)
 

@@ -31,7 +31,7 @@ from gpuspec.light.records import (
 )
 from gpuspec.light.refinement import WIDTH_MM, bend_of
 from gpuspec.light.tiles import PlanarTile, TiledLightMap
-from gpuspec.part.grooves import BLOCK, blocks
+from gpuspec.part.grooves import BLOCK
 from gpuspec.part.marches import MARCH_STEPS, march_of
 from gpuspec.part.relief import Relief
 from gpuspec.station.station import Station
@@ -137,7 +137,7 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
     ) -> None:
         self.backend = backend
         self._sub_rays = station.camera.sub_rays
-        first, pieces = blocks(relief.grooves, station, relief.edges)
+        first, pieces = relief.blocks(station)
         records = map_records(relief.maps, station)
         self._march = march_of(station, relief)
         self._posed = station.posed or self._march is not None
@@ -192,7 +192,7 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
         Parameters
         ----------
         station : Station
-            Of which the tunnel counts.
+            Another tunnel, or another crown where rays meet the part at z = 0.
         pixels : ndarray of uint32, shape (n,), optional
             Those of a list; None: the same as before.
         """
@@ -212,6 +212,7 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
         """See :meth:`LightMap.release`."""
         self._inputs = ()
         super().release()
+        self.backend.give_back()
 
     def failures(self) -> AbstractContextManager[None]:
         """See :meth:`OpenCLDevice.failures`."""
@@ -247,7 +248,9 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
         tile : PlanarTile
         """
         b, first_row, rows = self.backend, tile.first_row, tile.rows
-        whole, listed = ("posed.cl", "posed_listed.cl") if self._posed else ("trace.cl", "listed.cl")
+        whole, listed = (
+            ("posed.cl", "posed_listed.cl") if self._posed else ("trace.cl", "listed.cl")
+        )
         listed = "sliced.cl" if self.station.camera.sliced else listed
         for some in b.launches("trace", self._work[first_row : first_row + rows]):
             if self.pixels is None:

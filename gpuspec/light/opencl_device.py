@@ -29,7 +29,7 @@ VECTORS = (16, 8)
 """Pixels of a REAL where it is a vector, the first with AVX-512; rows are padded to whole ones."""
 
 FILES = (
-    "trace.cl", "listed.cl", "posed.cl", "posed_listed.cl", "sliced.cl", "refine.cl", 
+    "trace.cl", "listed.cl", "posed.cl", "posed_listed.cl", "sliced.cl", "refine.cl",
     "aspect.cl", "sequence.cl", "profiled.cl", "footprints.cl", "lookup.cl", "sweep.cl",
 )  # fmt: skip
 
@@ -141,6 +141,7 @@ class OpenCLDevice:
     def __init__(self, device: str | None = None) -> None:
         found = devices()  # says what to install where pyopencl is missing
         import pyopencl as cl
+        from pyopencl.tools import ImmediateAllocator, MemoryPool
 
         self.cl = cl
         self.number = chosen("opencl", [d.name for d in found], device)
@@ -155,6 +156,8 @@ class OpenCLDevice:
         try:
             self.context = cl.Context([self.device])
             self.queue = cl.CommandQueue(self.context)
+            # What was given back is taken again: a system gives fresh memory page by page.
+            self._pool = MemoryPool(ImmediateAllocator(self.queue))
         except cl.Error as error:
             raise DeviceError(f"opencl: {self.info.device} does not open ({error}).") from None
 
@@ -238,7 +241,11 @@ class OpenCLDevice:
 
     def empty(self, size: int) -> Any:
         """Reserve bytes on the device."""
-        return self.cl.Buffer(self.context, self.cl.mem_flags.READ_WRITE, size)
+        return self._pool.allocate(size)
+
+    def give_back(self) -> None:
+        """Give the driver back the memory that nobody uses now."""
+        self._pool.free_held()
 
     def copy_home(
         self, out: NDArray[Any], buffer: Any, first: int = 0, *, wait: bool = True

@@ -31,7 +31,6 @@ from gpuspec.light.records import (
 )
 from gpuspec.light.sources import named_files, numbered_lines, shader_source
 from gpuspec.light.tiles import RayTile, ShaderLightMap, light_words
-from gpuspec.part.grooves import blocks
 from gpuspec.part.marches import march_of
 from gpuspec.part.relief import Relief
 from gpuspec.station.station import Station
@@ -326,7 +325,7 @@ class OpenGLLightMap(ShaderLightMap):
         self._wraps = -(-columns // backend.texture_columns)
         self._width = -(-columns // self._wraps)
         self._sub_rays = station.camera.sub_rays
-        first, pieces = blocks(relief.grooves, station, relief.edges)
+        first, pieces = relief.blocks(station)
         records = map_records(relief.maps, station)
         self._map_count = len(records)
         march = march_of(station, relief)

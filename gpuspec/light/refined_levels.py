@@ -3,17 +3,67 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.arrays import Mask
-from gpuspec.light.constants import NO_PIXEL
 from gpuspec.light.levels import LevelCounter, Levels, Pixels, Sample, Zones
 from gpuspec.light.light_map import LightMap
 from gpuspec.light.lists import Lists, Sets
 from gpuspec.station.station import Station
+
+
+@dataclass(frozen=True)
+class Roles:
+    """With which others each pixel is counted.
+
+    Attributes
+    ----------
+    role : ndarray of int32, shape (n,)
+        Of each pixel of an image or a list the number of its zone; of all others outside `zones`,
+        of the guard band ``zones + 1``; -1 where none is counted.
+    zones : int
+        How many there are.
+    """
+
+    role: NDArray[np.int32]
+    zones: int
+
+    @classmethod
+    def of(cls, zones: Zones, sample: Sample | None = None) -> Roles:
+        """Tell the roles of valid pixels, all or, with a sample, those that stand for themselves.
+
+        Parameters
+        ----------
+        zones : Zones
+        sample : Sample, optional
+        """
+        count = len(zones.sizes)
+        role = np.full(zones.valid.size, count if sample is None else -1, np.int32)
+        if sample is not None:
+            role[sample.near] = count
+        role[zones.guard] = count + 1
+        role[zones.pixels] = np.repeat(np.arange(count), zones.sizes)
+        role[~zones.valid.ravel()] = -1
+        return cls(role, count)
+
+    def sets(self, places: Pixels) -> Sets:
+        """Return some pixels zone by zone, then those of none, then those of the guard band.
+
+        Parameters
+        ----------
+        places : ndarray of uint32
+        """
+        role = self.role[places]
+        kept = np.flatnonzero(role >= 0)
+        order = kept[np.argsort(role[kept], kind="stable")]
+        role = role[order]
+        first = np.flatnonzero(np.diff(role, prepend=-1))
+        number = role[first].astype(np.int64)
+        kinds = np.maximum(number - self.zones + 1, 0)
+        number[kinds > 0] = -1
+        return Sets(order, np.append(first, len(order)), kinds, number)
 
 
 class RefinedCounter:
@@ -34,6 +84,8 @@ class RefinedCounter:
     sample : Sample, optional
         Pixels that stand for all others, of which no refined one is looked at; None: all are
         counted.
+    roles : Roles, optional
+        Of these zones and that sample, where they are known.
     """
 
     def __init__(
@@ -44,28 +96,20 @@ class RefinedCounter:
         coarse: Callable[[Pixels], LightMap] | None,
         zones: Zones,
         sample: Sample | None,
+        roles: Roles | None = None,
     ) -> None:
-        refined = np.zeros(zones.valid.shape, bool)
-        refined.flat[places] = True
+        roles = roles or Roles.of(zones, sample)
+        one = np.ones(zones.valid.shape, bool)
+        one.flat[places] = False
         self._coarse: LevelCounter | None = None
-        if sample is None and coarse is not None:
-            one = coarse(np.flatnonzero(refined & zones.valid).astype(np.uint32))
-            self._coarse = one.counter(Zones.none(one.shape))
-        elif sample is not None:
-            of_zones = np.zeros_like(refined)
-            of_zones.flat[zones.pixels] = True
-            near = sample.near[~refined.flat[sample.near]]
-            of_zones.flat[sample.near] = True
-            of_zones.flat[zones.guard] = True
-            refined &= of_zones
-            sample = replace(sample, near=near)
-        owner = np.full(zones.valid.shape, -1, np.int64)
-        owner.flat[zones.pixels] = np.repeat(np.arange(len(zones.sizes)), zones.sizes)
-        guard = np.zeros(zones.valid.shape, np.bool_)
-        guard.flat[zones.guard] = True
-        self._sets = _sets_of(places, owner, refined & zones.valid, guard)
+        if sample is not None:
+            sample = replace(sample, near=sample.near[one.flat[sample.near]])
+        elif coarse is not None:
+            some = coarse(np.flatnonzero(~one & zones.valid).astype(np.uint32))
+            self._coarse = some.counter(Zones.none(some.shape))
+        self._sets = roles.sets(places)
         self._refined = lists.counter(self._sets)
-        self._inner = base.counter(replace(zones.only(~refined), valid=zones.valid), sample)
+        self._inner = base.counter(replace(zones.only(one), valid=zones.valid), sample)
 
     def count(self, stations: Sequence[Station]) -> Levels:
         """See :meth:`gpuspec.light.levels.LevelCounter.count`."""
@@ -83,15 +127,3 @@ class RefinedCounter:
         peaks, number = more.highest[:, zones], self._sets.number[zones]
         found.peaks[:, number] = np.maximum(found.peaks[:, number], peaks)
         return found
-
-
-def _sets_of(places: Pixels, owner: NDArray[np.int64], counted: Mask, guard: Mask) -> Sets:
-    """Return the refined pixels zone by zone, then those of none, then those of the guard band."""
-    own = owner.flat[places]
-    kept = np.flatnonzero(counted.flat[places])
-    rank = np.where(own[kept] < 0, NO_PIXEL + guard.flat[places[kept]], own[kept])
-    order = np.argsort(rank, kind="stable")
-    number, first = np.unique(rank[order], return_index=True)
-    kinds = np.where(number < NO_PIXEL, 0, 1 + number - NO_PIXEL)
-    number[kinds > 0] = -1
-    return Sets(kept[order], np.append(first, len(order)), kinds, number)

@@ -33,7 +33,6 @@ from gpuspec.light.records import (
 )
 from gpuspec.light.sources import shader_source
 from gpuspec.light.tiles import RayTile, ShaderLightMap, light_words
-from gpuspec.part.grooves import blocks
 from gpuspec.part.marches import march_of
 from gpuspec.part.relief import Relief
 from gpuspec.station.station import Station
@@ -358,7 +357,7 @@ class VulkanLightMap(ShaderLightMap):
         self._backend = backend
         self._columns = self.grid[1]
         self._sub_rays = station.camera.sub_rays
-        first, pieces = blocks(relief.grooves, station, relief.edges)
+        first, pieces = relief.blocks(station)
         records = map_records(relief.maps, station)
         self._maps = len(records)
         inputs = (

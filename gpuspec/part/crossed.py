@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.arrays import Mask
-from gpuspec.part.grooves import BLOCK, averaged, blocks
+from gpuspec.part.grooves import BLOCK
 from gpuspec.part.guard import faint_from
 from gpuspec.part.marches import march_of
 from gpuspec.part.relief import Relief
@@ -37,60 +37,55 @@ def crossed(station: Station, relief: Relief, pixels: NDArray[np.integer]) -> Ma
         None where a pixel looks at a spot wider than itself, or rays are followed in steps.
     """
     found = np.zeros(len(pixels), np.bool_)
-    camera, grooves = station.camera, relief.grooves
+    camera, part, grooves = station.camera, station.part, relief.grooves
     spotted = camera.spot_side_mm != camera.sampling_mm
-    if spotted or station.posed or station.part.relief or not len(grooves) or not len(pixels):
-        return found
-    if march_of(station, relief) is not None:
+    if spotted or station.posed or part.relief or march_of(station, relief) is not None:
         return found
     columns = station.shape[1]
     row, column = np.divmod(pixels.astype(np.int64), columns)
-    first, pieces = blocks(grooves, station, relief.edges)
+    first, pieces = relief.blocks(station)
     block = row // BLOCK * -(-columns // BLOCK) + column // BLOCK
     count = first[block + 1] - first[block]
-    near = count > 0
-    row, column, count, begin = row[near], column[near], count[near], first[block[near]]
-    if not len(row):
+    near = np.flatnonzero(count)
+    if not len(near):
         return found
+    row, column, count, begin = row[near], column[near], count[near], first[block[near]]
     x, y = surface_points(station, column, row)
     corner = _CORNER * camera.sampling_mm
-    part = station.part
     alone = np.minimum(part.length_mm / 2 - np.abs(x), part.width_mm / 2 - np.abs(y)) > corner
     for patch in relief.maps:
         rows, across = window(patch, station)
-        alone &= ~_within(row, rows) | ~_within(column, across)
+        inside = (row >= rows.start) & (row < rows.stop)
+        alone &= ~(inside & (column >= across.start) & (column < across.stop))
     # Pairs of a pixel and a piece that reaches its block.
     at = np.cumsum(count) - count
-    of = np.repeat(np.arange(len(row)), count)
-    piece = pieces[begin[of] + np.arange(len(of)) - at[of]]
-    alone &= np.maximum.reduceat(piece, at) < len(grooves)  # an edge defect reaches some
-    piece = np.minimum(piece, len(grooves) - 1)
-    ends = grooves.ends[piece]
-    course = ends[:, 2:] - ends[:, :2]
-    away = np.stack([x[of], y[of]], axis=1) - ends[:, :2]
-    length = np.hypot(*course.T)
-    along = (course * away).sum(axis=1) / np.maximum(length, 1e-30)
-    foot = np.clip(along, 0, length) / np.maximum(length, 1e-30)
-    distance = np.hypot(*(away - foot[:, None] * course).T)
-    nearest = np.minimum.reduceat(distance, at)[of]
+    piece = pieces[np.arange(count.sum()) + np.repeat(begin - at, count)]
+    if len(relief.edges):
+        alone &= np.maximum.reduceat(piece, at) < len(grooves)
+        piece = np.minimum(piece, len(grooves) - 1)
+    start_x, start_y, end_x, end_y = grooves.ends.T
+    length = np.hypot(end_x - start_x, end_y - start_y)
+    unit = np.maximum(length, 1e-30)
+    ux, uy = ((end_x - start_x) / unit)[piece], ((end_y - start_y) / unit)[piece]
+    dx, dy = np.repeat(x, count) - start_x[piece], np.repeat(y, count) - start_y[piece]
+    along, length = dx * ux + dy * uy, length[piece]
+    foot = np.minimum(np.maximum(along, 0), length)
+    dx -= foot * ux
+    dy -= foot * uy
+    distance = np.sqrt(dx * dx + dy * dy)
+    nearest = np.repeat(np.minimum.reduceat(distance, at), count)
     itself = distance == nearest
-    alone &= np.add.reduceat(itself.astype(np.int64), at) == 1
-    inside = (along > corner) & (along < length - corner)
+    alone &= np.add.reduceat(itself, at, dtype=np.int32) == 1
+    owner = grooves.owner[piece]
+    own = np.repeat(np.maximum.reduceat(np.where(itself, owner, -1), at), count)
     reach = faint_from(grooves, station)[piece]
-    owner = np.zeros(len(row), grooves.owner.dtype)
-    owner[of[itself]] = grooves.owner[piece[itself]]
-    same = grooves.owner[piece] == owner[of]
-    around = _AROUND * camera.sampling_mm
-    beyond = np.where(same, nearest + 2 * corner, reach + corner)
-    fits = np.where(itself, inside & (distance < reach + around), distance > beyond)
-    alone &= np.logical_and.reduceat(fits, at)
+    # Others of the same defect are nowhere in the pixel as near, other defects faint there.
+    fits = distance > np.where(owner == own, nearest + 2 * corner, reach + corner)
+    whole = (along > corner) & (along < length - corner)
+    whole &= distance < reach + _AROUND * camera.sampling_mm
+    alone &= np.logical_and.reduceat(np.where(itself, whole, fits), at)
     found[near] = alone
     return found
-
-
-def _within(places: NDArray[np.int64], span: slice) -> Mask:
-    inside: Mask = (places >= span.start) & (places < span.stop)
-    return inside
 
 
 class Crossed:
@@ -121,4 +116,5 @@ class Crossed:
         if len(new):
             self._crossed[new] = crossed(self._station, self._relief, self._pixels[new])
             self._asked[new] = True
-        return self._crossed[places]
+        found: Mask = self._crossed[places]
+        return found

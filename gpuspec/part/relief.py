@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
 
 from gpuspec.part.edges import NO_EDGES, Edges
-from gpuspec.part.grooves import Grooves
+from gpuspec.part.grooves import Grooves, blocks
 from gpuspec.part.maps import TopographyMap, read_maps
 from gpuspec.part.meshes import mesh_map
 from gpuspec.part.placement import Progress, place
 from gpuspec.part.textures import textures
 from gpuspec.station.defects import Defect
 from gpuspec.station.station import Station
+
+Blocks = tuple[NDArray[np.int32], NDArray[np.int32]]
 
 
 @dataclass(frozen=True)
@@ -34,6 +39,7 @@ class Relief:
     grooves: Grooves
     maps: tuple[TopographyMap, ...]
     edges: Edges = NO_EDGES
+    _known: dict[str, Blocks] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
     def of(
@@ -71,6 +77,25 @@ class Relief:
         mesh = mesh_map(station)
         maps = (*([mesh] if mesh else []), *read_maps(station), *textures(station))
         return cls(defects, Grooves.of(defects), maps, Edges.of(station))
+
+    def blocks(self, station: Station) -> Blocks:
+        """Return what reaches each block of the image, see :func:`gpuspec.part.grooves.blocks`.
+
+        Of one ray a pixel, whose grooves are the widest: the same for all light maps of a camera,
+        and asked once.
+
+        Parameters
+        ----------
+        station : Station
+            The part's.
+        """
+        camera = station.camera.model_copy(update={"subsampling": 1})
+        station = station.model_copy(update={"camera": camera})
+        key = f"{station.part!r} {camera!r}"
+        if key not in self._known:
+            self._known.clear()
+            self._known[key] = blocks(self.grooves, station, self.edges)
+        return self._known[key]
 
     @property
     def remarks(self) -> tuple[str, ...]:

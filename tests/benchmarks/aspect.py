@@ -221,7 +221,10 @@ def automatic(backend: Backend) -> None:
     relief = Relief.of(station)
     designs = station, station.replace(camera__subsampling=1)
     traced = tuple(backend.trace(design, relief) for design in designs)
-    counts = ", ".join(f"{count:,} pixels of {n} x {n}" for n, count in traced[0].refined.items())
+    counts = ", ".join(
+        f"{count:,} pixels {f'of {cut} x {cut}' if cut > 0 else f'in {-cut} slices'}"
+        for cut, count in traced[0].refined.items()
+    )
     print(f"automatic sub-rays on the demo's part: {counts}")
     print(f"{'ms, images brought home':38}{'auto':>9}{'1':>9}{'ratio':>9}")
     noisy = station.replace(sensor__noise=True)

@@ -16,7 +16,11 @@ from gpuspec.light.levels import Zones
 from gpuspec.light.light_map import LightMapArrays, has_closed_form
 from gpuspec.light.opencl import OpenCLBackend
 from gpuspec.light.opencl_device import FILES, LAUNCH_SECONDS
+from gpuspec.light.refinement import SLICES
 from gpuspec.station.station import Station
+
+SCRATCH = {"kind": "scratch", "points_mm": [[-2.0, -0.7], [2.0, 0.4]], "width_mm": 0.2,
+           "depth_um": 2.0}  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -149,6 +153,7 @@ def test_a_program_is_built_once_a_file(monkeypatch):
         light_map.image(0), light_map.mean(), light_map.fuse(), light_map.closed_form()
         light_map.mean(check_station(tunnel__profile="sinusoid"))
         device.trace(check_station(part__pose={"tilt_y_deg": 1.0}))
+        assert -SLICES in device.trace(check_station(pupil=0.0, defects=[SCRATCH])).refined
         zone = np.ones(station.shape, np.int32)
         light_map.counter(Zones.of(zone, zone == 1, 1)).count([station])
     assert sorted(built) == sorted(FILES)

@@ -15,7 +15,7 @@ from gpuspec.light.sources import folder
 
 for file in (
     "footprint", "image", "noise_form", "portable", "pose", "reflection", "relief_on_devices",
-    "scan", "sensor", "stripes", "surface",
+    "scan", "sensor", "slices", "stripes", "surface",
 ):  # fmt: skip
     import_module(f"test_{file}")  # where the laws stand
 

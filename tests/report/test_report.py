@@ -25,6 +25,9 @@ from gpuspec.errors import OutputError
 from gpuspec.files import MANIFEST, Outputs, digest, folder_of
 from gpuspec.light.float64_backend import NumpyBackend
 from gpuspec.light.opencl import OpenCLBackend
+from gpuspec.light.refinement import SLICES
+from gpuspec.part.crossed import crossed
+from gpuspec.part.relief import Relief
 from gpuspec.pictures import all as figures
 from gpuspec.report import folder as report
 from gpuspec.report.folder import FILES, summary, write
@@ -180,11 +183,16 @@ def test_the_score_is_complete_and_says_where_it_was_made(result, written):
     assert score["score"]["p1"] == result.score.p1
     assert score["score"]["p2"] == result.score.p2
     assert sum(score["classes"].values()) == len(result.blobs)
-    refined = result.light_map.traced.sides_needed()
+    refined = result.light_map.traced.sides_needed().ravel().astype(int)
+    finest = np.flatnonzero(refined == 8)
+    relief = Relief.of(result.station)
+    refined[finest[crossed(result.station, relief, finest)]] = -SLICES
+    rays = np.where(refined < 0, -refined, refined**2)
     assert score["refined"] == {
-        "pixels": (refined > 1).sum(),
-        "sub_rays": (refined[refined > 1].astype(int) ** 2).sum(),
+        "pixels": (refined != 1).sum(),
+        "sub_rays": rays[refined != 1].sum(),
         **{str(side): (refined == side).sum() for side in (2, 4, 8)},
+        "slices": (refined < 0).sum(),
     }
     assert score["refined"]["pixels"] > 0
     rows = score["confusion"]

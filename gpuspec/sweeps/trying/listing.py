@@ -13,9 +13,10 @@ from gpuspec.arrays import BESIDE, Lost
 from gpuspec.light.constants import NO_PIXEL
 from gpuspec.light.levels import Pixels, Sample, Zones
 from gpuspec.light.light_map import LightMap
+from gpuspec.light.refined_levels import Roles
 from gpuspec.light.refinement import Neighbourhood, bend_of, by_cut
 from gpuspec.part.crossed import Crossed
-from gpuspec.part.grooves import Grooves, blocks
+from gpuspec.part.grooves import Grooves
 from gpuspec.part.guard import REACH_PX, near
 from gpuspec.part.relief import Relief
 from gpuspec.part.truth import Truth
@@ -82,9 +83,7 @@ class Refinable:
         found.flat[self.own] = self._needed(arrays.light_mm[0, 0], arrays.wide_mm[0, 0])
         return found
 
-    def _needed(
-        self, light: NDArray[np.float32], wide: NDArray[np.float32]
-    ) -> NDArray[np.uint8]:
+    def _needed(self, light: NDArray[np.float32], wide: NDArray[np.float32]) -> NDArray[np.uint8]:
         return self.around.sides_needed(light[self.known], wide[self.known], self.bend)
 
 
@@ -164,6 +163,11 @@ class Listing:
             stands_for[self.refinable.end :] = 0
         counts: NDArray[np.float64] = np.bincount(lost[0], stands_for, len(Lost)).astype(float)
         return counts
+
+    @cached_property
+    def roles(self) -> Roles:
+        """How each place is counted."""
+        return Roles.of(self.zones, self.sample((np.zeros(0, np.float32),) * 3))
 
     @cached_property
     def _there(self) -> NDArray[np.bool_]:
@@ -260,7 +264,11 @@ def _refinable(listing: Listing, station: Station, relief: Relief) -> Listing:
         pixels=pixels,
         zones=zones,
         refinable=Refinable(
-            around, places, known, len(listing.pixels), bend_of(station.camera),
+            around,
+            places,
+            known,
+            len(listing.pixels),
+            bend_of(station.camera),
             Crossed(station, relief, own),
         ),
     )
@@ -296,8 +304,10 @@ def crowd(relief: Relief, station: Station) -> int:
     relief : Relief
     station : Station
     """
-    first, pieces = blocks(relief.grooves, station)
+    first, pieces = relief.blocks(station)
     block = np.repeat(np.arange(len(first) - 1), np.diff(first))
+    grooves = pieces < len(relief.grooves)
+    block, pieces = block[grooves], pieces[grooves]
     both = np.unique(block * (len(relief.defects) + 1) + relief.grooves.owner[pieces])
     return int(np.bincount(both // (len(relief.defects) + 1)).max(initial=0))
 

@@ -240,9 +240,8 @@ class Parts:
 
     def _screened(self, station: Station, number: int) -> TracedPart:
         """Trace the pixels of a part that stand for all."""
-        part = _key(station, ("tunnel", "sensor", "sequence"))
         screen = _kept(
-            self._screens, (part, number),
+            self._screens, (_seen_key(station), number),
             lambda: Screen.of(station, self._place(station, number), self.samples, number),
         )  # fmt: skip
         shape = _key(station, ("tunnel", "sensor", "sequence", "defects", "populations"))
@@ -251,7 +250,7 @@ class Parts:
 
     def _place(self, station: Station, number: int) -> Placed:
         """Return relief and zones, which no change of the tunnel moves."""
-        key = _key(station, ("tunnel", "sensor", "sequence")), number
+        key = _seen_key(station), number
         return _kept(
             self._placed, key,
             lambda: Placed.of(with_part(station, number), self._defects(station, number)),
@@ -344,7 +343,7 @@ class Screen:
             ]
             lists, places = base.together(parts), np.concatenate(list(finer.values()))
             lost.flat[places] = lists.each(lambda part: part.lost())
-            counter = RefinedCounter(base, lists, places, None, zones, sample)
+            counter = RefinedCounter(base, lists, places, None, zones, sample, self.listing.roles)
         losses = self.listing.losses(lost) if first else None
         notes = () if losses is None else tuple(of_losses(station, losses))
         drawn = sample if len(sample.chosen) else None
@@ -393,6 +392,19 @@ def _key(station: Station, without: tuple[str, ...]) -> str:
         mode="json",
     )
     return json.dumps(data)
+
+
+def _seen_key(station: Station) -> str:
+    """Return what decides which point of the part a pixel sees, and what is there, as text.
+
+    The crown does not where rays meet the part at z = 0.
+    """
+    part = station.part
+    if part.surface == "orientation":
+        flat = dict.fromkeys(("crown_radius_x_mm", "crown_radius_y_mm", "sphere_radius_mm"))
+        part = part.model_copy(update=flat)
+    station = station.model_copy(update={"part": part})
+    return _key(station, ("tunnel", "sensor", "sequence"))
 
 
 def geometry(station: Station) -> str:
