@@ -20,6 +20,7 @@ from gpuspec.light.patterns import Pattern
 from gpuspec.light.refined_levels import RefinedCounter
 from gpuspec.light.refinement import Neighbourhood, bend_of, by_cut
 from gpuspec.part.crossed import crossed
+from gpuspec.part.grooves import by_block
 from gpuspec.part.relief import Relief
 from gpuspec.station.station import Station
 
@@ -60,6 +61,7 @@ class RefinedLightMap(LightMap):
         self.base = traced(with_cut(station, 1), relief, pixels)
         sides = (needed(self.base) if needed else self._needed()).ravel()
         own = _not_one(sides)
+        own = own[by_block(own if pixels is None else pixels[own], station.shape)]
         numbers = own if pixels is None else pixels[own]
         cuts = by_cut(sides[own], lambda some: crossed(station, relief, numbers[some]))
         finer = [

@@ -16,7 +16,7 @@ from gpuspec.light.light_map import LightMap
 from gpuspec.light.refined_levels import Roles
 from gpuspec.light.refinement import Neighbourhood, bend_of, by_cut
 from gpuspec.part.crossed import Crossed
-from gpuspec.part.grooves import Grooves
+from gpuspec.part.grooves import Grooves, by_block
 from gpuspec.part.guard import REACH_PX, near
 from gpuspec.part.relief import Relief
 from gpuspec.part.truth import Truth
@@ -42,6 +42,8 @@ class Refinable:
         Of these pixels.
     own : ndarray of int64
         Their places in the list, in its order.
+    order : ndarray of intp
+        Of them, block by block, see :func:`gpuspec.part.grooves.by_block`.
     known : ndarray of int64
         Places of the neighbourhood's pixels, likewise.
     end : int
@@ -54,6 +56,7 @@ class Refinable:
 
     around: Neighbourhood
     own: Ints
+    order: NDArray[np.intp]
     known: Ints
     end: int
     bend: float
@@ -67,8 +70,9 @@ class Refinable:
         light, wide : ndarray of float32, shape (n,)
             Light coordinate and wider box of the list's pixels, mm.
         """
-        found = by_cut(self._needed(light, wide), self.crossed.at)
-        return {cut: self.own[some].astype(np.uint32) for cut, some in found.items()}
+        order = self.order
+        found = by_cut(self._needed(light, wide)[order], lambda some: self.crossed.at(order[some]))
+        return {cut: self.own[order[some]].astype(np.uint32) for cut, some in found.items()}
 
     def sides(self, light_map: LightMap) -> NDArray[np.uint8]:
         """Return how many sub-rays each pixel of the list needs on a side.
@@ -266,6 +270,7 @@ def _refinable(listing: Listing, station: Station, relief: Relief) -> Listing:
         refinable=Refinable(
             around,
             places,
+            by_block(own, station.shape),
             known,
             len(listing.pixels),
             bend_of(station.camera),
