@@ -36,7 +36,7 @@ EXPOSURES = 16
 TABLE_STEPS = 512
 """Of a footprint's table, at most: a pixel whose footprint takes more is seen ray by ray."""
 
-SUB_RAYS = 64
+SUB_RAYS = 256
 """Of a pixel that has a table, at most."""
 
 LEVELS = 256

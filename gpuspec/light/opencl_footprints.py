@@ -25,8 +25,9 @@ BOUND = 0.0025
 """Of what a cubic of a table may be off, see `measure_footprints`: so bounded, of 255 grey levels
 rms 0.001 and hardly ever above 0.02, measured over hard designs; at 0.01 it is rms 0.015."""
 
-BOUND_OF_SLICES = 0.0015
-"""The same of slices, which are few and much alike: less of what one is off another puts right."""
+ALIKE = 8
+"""Sub-rays on a side, or slices, beyond which the bound falls as their number grows: neighbours are
+more and more alike, and what one is off the next does not put right."""
 
 _NODES_MAX = 1 << 30  # their floats are counted in 32 bits
 _NODE_BYTES = 8
@@ -149,7 +150,7 @@ class Tables:
         begin, step, steps, whole = measures
         lists = list(zip(parts, tiles, begins.tolist(), strict=False))
         for part, tile, at in lists:
-            bound = BOUND_OF_SLICES if part.station.camera.sliced else BOUND
+            bound = BOUND * min(ALIKE / part.station.camera.side, 1)
             self._start_once("measure_footprints", part, tile, at, measures, bound)
         needed, long = (np.empty(begins[-1], np.float32) for _ in range(2))
         b.copy_home(needed, steps, wait=False)

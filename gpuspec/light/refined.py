@@ -19,7 +19,7 @@ from gpuspec.light.lists import Lists
 from gpuspec.light.patterns import Pattern
 from gpuspec.light.refined_levels import RefinedCounter
 from gpuspec.light.refinement import Neighbourhood, bend_of, by_cut
-from gpuspec.part.crossed import crossed
+from gpuspec.part.crossings import crossings
 from gpuspec.part.grooves import by_block
 from gpuspec.part.relief import Relief
 from gpuspec.station.station import Station
@@ -63,7 +63,7 @@ class RefinedLightMap(LightMap):
         own = _not_one(sides)
         own = own[by_block(own if pixels is None else pixels[own], station.shape)]
         numbers = own if pixels is None else pixels[own]
-        cuts = by_cut(sides[own], lambda some: crossed(station, relief, numbers[some]))
+        cuts = by_cut(sides[own], lambda some: crossings(station, relief, numbers[some]))
         finer = [
             traced(with_cut(station, cut), relief, numbers[some]) for cut, some in cuts.items()
         ]

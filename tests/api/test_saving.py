@@ -269,7 +269,7 @@ def test_a_score_that_is_none_is_refused(copied, text):
         {"threshold_dn": "high"}, {"threshold_dn": None}, {"score": None}, {"pattern": "x.glsl"},
         {"warnings": 5}, {"device": None, "score": {}}, {"flawless_dn": float("nan")},
         {"refined": None},
-        {"refined": {"pixels": 1, "sub_rays": 4, "2": 0, "4": 0, "8": 0, "slices": 0}},
+        {"refined": {"pixels": 1, "sub_rays": 4, "2": 0, "4": 0, "8": 0, "16": 0, "slices": 0}},
     ],
 )  # fmt: skip
 def test_a_score_with_other_values_is_refused(copied, wrong):

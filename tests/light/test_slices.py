@@ -14,7 +14,7 @@ from test_relief_on_devices import NO_GROOVE, NO_MAP, relief_headers
 from gpuspec.light.float64_rays import slices
 from gpuspec.light.refined import with_cut
 from gpuspec.light.refinement import SIDES, SLICES
-from gpuspec.part.crossed import crossed
+from gpuspec.part.crossings import GROOVE, crossings
 from gpuspec.part.relief import Relief
 
 SLICED = "#define SLICED"
@@ -296,7 +296,7 @@ def test_slices_tell_as_much_as_three_times_as_many_squares(opencl, angle, width
     pixels = np.arange(np.prod(station.shape), dtype=np.uint32)
     with opencl.trace(station.replace(camera__subsampling=1)) as light_map:
         finest = light_map.sides_needed().ravel() == SIDES[-1]
-    own = pixels[finest & crossed(station, relief, pixels)]
+    own = pixels[finest & (crossings(station, relief, pixels) == GROOVE)]
     assert len(own) > 100
     exact, squares, sliced = (
         opencl.traced(with_cut(station, cut), relief, own).mean()[0] for cut in (-48, 8, -SLICES)

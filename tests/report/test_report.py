@@ -25,8 +25,8 @@ from gpuspec.errors import OutputError
 from gpuspec.files import MANIFEST, Outputs, digest, folder_of
 from gpuspec.light.float64_backend import NumpyBackend
 from gpuspec.light.opencl import OpenCLBackend
-from gpuspec.light.refinement import SLICES
-from gpuspec.part.crossed import crossed
+from gpuspec.light.refinement import CREASED, SLICES
+from gpuspec.part.crossings import CREASE, GROOVE, crossings
 from gpuspec.part.relief import Relief
 from gpuspec.pictures import all as figures
 from gpuspec.report import folder as report
@@ -186,12 +186,14 @@ def test_the_score_is_complete_and_says_where_it_was_made(result, written):
     refined = result.light_map.traced.sides_needed().ravel().astype(int)
     finest = np.flatnonzero(refined == 8)
     relief = Relief.of(result.station)
-    refined[finest[crossed(result.station, relief, finest)]] = -SLICES
+    across = crossings(result.station, relief, finest)
+    refined[finest[across == GROOVE]] = -SLICES
+    refined[finest[across == CREASE]] = CREASED
     rays = np.where(refined < 0, -refined, refined**2)
     assert score["refined"] == {
         "pixels": (refined != 1).sum(),
         "sub_rays": rays[refined != 1].sum(),
-        **{str(side): (refined == side).sum() for side in (2, 4, 8)},
+        **{str(side): (refined == side).sum() for side in (2, 4, 8, 16)},
         "slices": (refined < 0).sum(),
     }
     assert score["refined"]["pixels"] > 0

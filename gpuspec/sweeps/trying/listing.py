@@ -15,7 +15,7 @@ from gpuspec.light.levels import Pixels, Sample, Zones
 from gpuspec.light.light_map import LightMap
 from gpuspec.light.refined_levels import Roles
 from gpuspec.light.refinement import Neighbourhood, bend_of, by_cut
-from gpuspec.part.crossed import Crossed
+from gpuspec.part.crossings import Crossings
 from gpuspec.part.grooves import Grooves, by_block
 from gpuspec.part.guard import REACH_PX, near
 from gpuspec.part.relief import Relief
@@ -50,7 +50,7 @@ class Refinable:
         From which place on there are but neighbours.
     bend : float
         See :func:`gpuspec.light.refinement.bend_of`.
-    crossed : Crossed
+    crossings : Crossings
         Of these pixels, in the order of `own`.
     """
 
@@ -60,7 +60,7 @@ class Refinable:
     known: Ints
     end: int
     bend: float
-    crossed: Crossed
+    crossings: Crossings
 
     def places(self, light: NDArray[np.float32], wide: NDArray[np.float32]) -> dict[int, Pixels]:
         """Return the places of the pixels that are refined, by how they are cut.
@@ -71,7 +71,9 @@ class Refinable:
             Light coordinate and wider box of the list's pixels, mm.
         """
         order = self.order
-        found = by_cut(self._needed(light, wide)[order], lambda some: self.crossed.at(order[some]))
+        found = by_cut(
+            self._needed(light, wide)[order], lambda some: self.crossings.at(order[some])
+        )
         return {cut: self.own[order[some]].astype(np.uint32) for cut, some in found.items()}
 
     def sides(self, light_map: LightMap) -> NDArray[np.uint8]:
@@ -274,7 +276,7 @@ def _refinable(listing: Listing, station: Station, relief: Relief) -> Listing:
             known,
             len(listing.pixels),
             bend_of(station.camera),
-            Crossed(station, relief, own),
+            Crossings(station, relief, own),
         ),
     )
 

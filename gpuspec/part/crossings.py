@@ -1,11 +1,10 @@
-"""Which pixels one straight groove crosses, and nothing else of the relief."""
+"""What of the relief crosses a pixel: one straight groove, or a crease where one bends."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.arrays import Mask
 from gpuspec.part.grooves import BLOCK
 from gpuspec.part.guard import faint_from
 from gpuspec.part.marches import march_of
@@ -14,14 +13,18 @@ from gpuspec.part.truth import window
 from gpuspec.part.view import surface_points
 from gpuspec.station.station import Station
 
+OTHER, GROOVE, CREASE = 0, 1, 2
+"""What crosses a pixel: neither; one groove alone, as if it had no end, so that the light
+coordinate bends across it and not along it; or the line on which two pieces of one groove are as
+near, where it jumps."""
+
 _CORNER = 0.71  # of a pixel: as far as its corners are from its centre
 _AROUND = 3  # pixels: so far from what bends the light its neighbours may be refined
+_BENT = 0.1  # sine of the angle between two pieces, from which on the jump matters
 
 
-def crossed(station: Station, relief: Relief, pixels: NDArray[np.integer]) -> Mask:
-    """Return which pixels see, of the relief, one groove alone, and this as if it had no end.
-
-    Across it such a pixel's light coordinate bends, and along it does not.
+def crossings(station: Station, relief: Relief, pixels: NDArray[np.integer]) -> NDArray[np.uint8]:
+    """Return what of the relief crosses each pixel.
 
     Parameters
     ----------
@@ -33,10 +36,11 @@ def crossed(station: Station, relief: Relief, pixels: NDArray[np.integer]) -> Ma
 
     Returns
     -------
-    ndarray of bool, shape (n,)
-        None where a pixel looks at a spot wider than itself, or rays are followed in steps.
+    ndarray of uint8, shape (n,)
+        ``OTHER``, ``GROOVE`` or ``CREASE``; ``OTHER`` wherever pixels look at a spot wider than
+        themselves, or rays are followed in steps.
     """
-    found = np.zeros(len(pixels), np.bool_)
+    found = np.full(len(pixels), OTHER, np.uint8)
     camera, part, grooves = station.camera, station.part, relief.grooves
     spotted = camera.spot_side_mm != camera.sampling_mm
     if spotted or station.posed or part.relief or march_of(station, relief) is not None:
@@ -75,21 +79,38 @@ def crossed(station: Station, relief: Relief, pixels: NDArray[np.integer]) -> Ma
     distance = np.sqrt(dx * dx + dy * dy)
     nearest = np.repeat(np.minimum.reduceat(distance, at), count)
     itself = distance == nearest
-    alone &= np.add.reduceat(itself, at, dtype=np.int32) == 1
+    one = np.add.reduceat(itself, at, dtype=np.int32) == 1
     owner = grooves.owner[piece]
-    own = np.repeat(np.maximum.reduceat(np.where(itself, owner, -1), at), count)
+    own = owner == np.repeat(np.maximum.reduceat(np.where(itself, owner, -1), at), count)
     reach = faint_from(grooves, station)[piece]
     # Others of the same defect are nowhere in the pixel as near, other defects faint there.
-    fits = distance > np.where(owner == own, nearest + 2 * corner, reach + corner)
+    fits = distance > np.where(own, nearest + 2 * corner, reach + corner)
     whole = (along > corner) & (along < length - corner)
     whole &= distance < reach + _AROUND * camera.sampling_mm
-    alone &= np.logical_and.reduceat(np.where(itself, whole, fits), at)
-    found[near] = alone
+    alone &= one & np.logical_and.reduceat(np.where(itself, whole, fits), at)
+    # Pieces whose sides meet in the pixel: on the outer side of a bend both are as near by its end.
+    meet = own & (along > -corner) & (along < length + corner)
+    meet &= distance <= nearest + 2 * corner
+    turn = np.abs(ux * _of_nearest(uy, itself, at, count) - uy * _of_nearest(ux, itself, at, count))
+    bent = np.logical_or.reduceat(meet & (turn > _BENT), at)
+    found[near[bent]] = CREASE
+    found[near[alone]] = GROOVE
     return found
 
 
-class Crossed:
-    """Remembers of some pixels which one groove alone crosses, see :func:`crossed`.
+def _of_nearest(
+    values: NDArray[np.float64],
+    itself: NDArray[np.bool_],
+    at: NDArray[np.int64],
+    count: NDArray[np.int32],
+) -> NDArray[np.float64]:
+    """Return, for each pair, the largest value of its pixel's nearest pieces."""
+    largest: NDArray[np.float64] = np.maximum.reduceat(np.where(itself, values, -2.0), at)
+    return np.repeat(largest, count)
+
+
+class Crossings:
+    """Remembers what crosses some pixels, see :func:`crossings`.
 
     Parameters
     ----------
@@ -102,10 +123,11 @@ class Crossed:
 
     def __init__(self, station: Station, relief: Relief, pixels: NDArray[np.integer]) -> None:
         self._station, self._relief, self._pixels = station, relief, pixels
-        self._asked, self._crossed = (np.zeros(len(pixels), np.bool_) for _ in range(2))
+        self._asked = np.zeros(len(pixels), np.bool_)
+        self._found = np.full(len(pixels), OTHER, np.uint8)
 
-    def at(self, places: NDArray[np.integer]) -> Mask:
-        """Return which are, of the pixels at some places, shape (k,).
+    def at(self, places: NDArray[np.integer]) -> NDArray[np.uint8]:
+        """Return what crosses the pixels at some places, shape (k,).
 
         Parameters
         ----------
@@ -114,7 +136,7 @@ class Crossed:
         """
         new = places[~self._asked[places]]
         if len(new):
-            self._crossed[new] = crossed(self._station, self._relief, self._pixels[new])
+            self._found[new] = crossings(self._station, self._relief, self._pixels[new])
             self._asked[new] = True
-        found: Mask = self._crossed[places]
+        found: NDArray[np.uint8] = self._found[places]
         return found

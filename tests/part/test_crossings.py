@@ -1,4 +1,4 @@
-"""Pixels that one groove alone crosses: told from where the defects are."""
+"""What of the relief crosses a pixel: told from where the defects are."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scenes import check_station
 
-from gpuspec.part.crossed import Crossed, crossed
+from gpuspec.part.crossings import CREASE, GROOVE, OTHER, Crossings, crossings
 from gpuspec.part.relief import Relief
 from gpuspec.part.view import surface_points
 
@@ -22,9 +22,14 @@ def scene(*defects, **changes):
     return station, Relief.of(station)
 
 
-def every(station, relief):
+def told(station, relief):
     pixels = np.arange(np.prod(station.shape))
-    return crossed(station, relief, pixels).reshape(station.shape)
+    return crossings(station, relief, pixels).reshape(station.shape)
+
+
+def every(station, relief):
+    """The pixels that one groove alone crosses."""
+    return told(station, relief) == GROOVE
 
 
 def places(station):
@@ -69,15 +74,24 @@ def test_pixels_that_another_defect_reaches_are_not():
     assert not (found & ~alone).any()
 
 
-def test_pixels_of_a_bend_are_not():
+def test_pixels_of_a_bend_have_a_crease_on_its_inner_side():
     bent = {**SCRATCH, "points_mm": [[-4.0, -1.3], [0.0, 0.4], [4.0, -1.3]]}
     station, relief = scene(bent)
-    found, p = every(station, relief), station.camera.sampling_mm
+    found, p = told(station, relief), station.camera.sampling_mm
     x, y = places(station)
-    # On the line of symmetry both pieces are as near.
-    assert not found[(np.abs(x) < p / 2) & (np.abs(y) < 2)].any()
+    # On the line of symmetry both pieces are as near, below the end that they share by their sides.
+    middle = np.abs(x) < p / 2
+    assert (found[middle & (y < 0.3) & (y > -1)] == CREASE).all()
+    assert (found[middle & (y > 0.6) & (y < 2)] == OTHER).all()
+    assert not (found[np.abs(x) > 4 * p] == CREASE).any()
     off, along, _ = aside(station, *bent["points_mm"][:2])
-    assert found[(off < 0.1) & (along > 0.5) & (x < -1)].any()
+    assert (found[(off < 0.1) & (along > 0.5) & (x < -1)] == GROOVE).all()
+
+
+def test_a_gentle_bend_has_no_crease():
+    bent = {**SCRATCH, "points_mm": [[-4.0, 0.0], [0.0, 0.1], [4.0, 0.0]]}
+    station, relief = scene(bent)
+    assert not (told(station, relief) == CREASE).any()
 
 
 @pytest.mark.parametrize(
@@ -90,7 +104,7 @@ def test_pixels_of_a_bend_are_not():
 def test_none_is_where_slices_would_not_tell(changes):
     station, _ = scene(SCRATCH)
     station = station.replace(camera__pupil_mm=2.0, **changes)
-    assert not every(station, Relief.of(station)).any()
+    assert (told(station, Relief.of(station)) == OTHER).all()
 
 
 def test_an_edge_defect_takes_the_pixels_of_its_blocks():
@@ -108,10 +122,10 @@ def test_an_edge_defect_takes_the_pixels_of_its_blocks():
 def test_what_was_asked_is_remembered(monkeypatch):
     station, relief = scene(SCRATCH, DENT)
     pixels = np.arange(np.prod(station.shape))[::7]
-    known = Crossed(station, relief, pixels)
-    expected = crossed(station, relief, pixels)
+    known = Crossings(station, relief, pixels)
+    expected = crossings(station, relief, pixels)
     first = np.flatnonzero(pixels % 2 == 0)
     assert np.array_equal(known.at(first), expected[first])
     assert np.array_equal(known.at(np.arange(len(pixels))), expected)
-    monkeypatch.setattr("gpuspec.part.crossed.crossed", None)
+    monkeypatch.setattr("gpuspec.part.crossings.crossings", None)
     assert np.array_equal(known.at(first), expected[first])
