@@ -28,8 +28,8 @@ from gpuspec.light.backend import Backend
 from gpuspec.light.devices import open_backend
 from gpuspec.pictures.page import MARGIN, SKY, VERMILION, WIDTH, Sheet, essentials
 from gpuspec.pictures.place import open_frame
+from gpuspec.simulation.at_threshold import AtThreshold
 from gpuspec.simulation.light_map import Progress
-from gpuspec.simulation.seen import Seen
 from gpuspec.simulation.simulate import Traced, trace
 from gpuspec.station.corners import corners, stated
 from gpuspec.station.materials import MATERIALS, reflectance
@@ -62,7 +62,7 @@ class Perturbation:
         Which of them is nominal: 0, or the station's own material.
     scores : tuple of Score
         One for each value.
-    seen : tuple of Seen
+    seen : tuple of AtThreshold
         Likewise: hits, false blobs beyond the guard bands, and levels.
     """
 
@@ -71,7 +71,7 @@ class Perturbation:
     values: tuple[float, ...] | tuple[str, ...]
     nominal: int
     scores: tuple[Score, ...]
-    seen: tuple[Seen, ...]
+    seen: tuple[AtThreshold, ...]
 
     def __repr__(self) -> str:
         unit = f" {self.unit}" if self.unit else ""
@@ -347,7 +347,7 @@ def study(
     # Exposure and reflectivity are one factor of the signal: the light map stays as it is.
     exposures = [design.sensor.exposure * (1 + value) for value in values]
     lit = [design.replace(**{"sensor.exposure": e}) for e in exposures]
-    looks = [(traced.light_map.score(one), Seen.of(traced, one)) for one in lit]
+    looks = [(traced.light_map.score(one), AtThreshold.of(traced, one)) for one in lit]
     percents = tuple(100 * value for value in values)
     found.append(Perturbation("reflectivity", "%", percents, middle, *_apart(looks)))
     tell("changing material")
@@ -366,15 +366,17 @@ def study(
     return Tolerance(design, engine.info, nominal, tuple(found), notes=notes)
 
 
-def _look(station: Station, engine: Backend) -> tuple[Score, Seen]:
+def _look(station: Station, engine: Backend) -> tuple[Score, AtThreshold]:
     """Score a station at its threshold, and count what it leaves beyond the guard bands."""
     traced = trace(station, engine)
-    looked = traced.light_map.score(), Seen.of(traced, station)
+    looked = traced.light_map.score(), AtThreshold.of(traced, station)
     traced.light_map.release()
     return looked
 
 
-def _apart(looks: list[tuple[Score, Seen]]) -> tuple[tuple[Score, ...], tuple[Seen, ...]]:
+def _apart(
+    looks: list[tuple[Score, AtThreshold]],
+) -> tuple[tuple[Score, ...], tuple[AtThreshold, ...]]:
     return tuple(score for score, _ in looks), tuple(seen for _, seen in looks)
 
 

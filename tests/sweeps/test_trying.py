@@ -18,7 +18,7 @@ from gpuspec.detection.score import precision
 from gpuspec.errors import StationError
 from gpuspec.light.levels import levels_of
 from gpuspec.light.opencl import OpenCLBackend
-from gpuspec.simulation.seen import Seen
+from gpuspec.simulation.at_threshold import AtThreshold
 from gpuspec.simulation.simulate import trace
 from gpuspec.station.station import Station
 from gpuspec.sweeps.choosing.measured import Measured
@@ -200,7 +200,7 @@ def test_seeds_draw_the_noise_anew_on_parts_that_are_traced_once(station, opencl
         tries = product(range(2), range(3))
         for number, (part, draw) in enumerate(tries):
             own = with_part(plan.station_of(row["design"]), part, draw).replace(**at)
-            seen = Seen.of(trace(own, opencl), own)
+            seen = AtThreshold.of(trace(own, opencl), own)
             assert row["part_hits"][number] == seen.hits
             assert row["part_p1"][number] == precision(seen.hit_px, seen.false_zone_px)
         level = round(row["threshold_dn"])
@@ -218,7 +218,7 @@ def test_many_draws_have_the_mean_and_the_spread_of_the_closed_form(opencl, tmp_
         range(1), sampled=False
     ).to_pylist()  # fmt: skip
     at = noisy.replace(**{"sensor.exposure": 2.0, "segmentation.threshold": row["threshold_dn"]})
-    expected = Seen.of(trace(at, opencl), at).expected
+    expected = AtThreshold.of(trace(at, opencl), at).expected
     assert expected is not None and expected.p1_deviation > 0
     for drawn, mean, deviation in (
         (row["part_p1"], expected.p1, expected.p1_deviation),

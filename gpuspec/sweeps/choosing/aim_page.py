@@ -77,8 +77,9 @@ def aim_page(choice: AimChoice) -> str:
                          marker=marker, fill_color=fill, line_color="white", legend_label=name)
         )  # fmt: skip
     plot.add_tools(HoverTool(renderers=drawn, tooltips=tips))
-    plot.legend.location = "bottom_right" if up.high else "top_right"
+    plot.legend.orientation = "horizontal"
     plot.legend.click_policy = "hide"
+    plot.add_layout(plot.legend[0], "above")  # beside the points, none of which it hides
     told = f"gpuspec: front of {choice.run.path.name}, {words.plural(count, 'design')}"
     return str(file_html(plot, INLINE, told))
 

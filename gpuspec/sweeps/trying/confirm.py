@@ -13,7 +13,7 @@ import numpy as np
 from gpuspec.detection.chances import least_share, share_within
 from gpuspec.detection.score import precision, recall
 from gpuspec.light.backend import Backend
-from gpuspec.simulation.seen import Seen
+from gpuspec.simulation.at_threshold import AtThreshold
 from gpuspec.simulation.simulate import trace
 from gpuspec.station.costs import costs
 from gpuspec.station.station import Station
@@ -33,7 +33,7 @@ class Confirmed:
     ----------
     station : Station
         With its threshold, and part 0.
-    parts : tuple of Seen
+    parts : tuple of AtThreshold
         One for each part under each draw of the noise.
     noise_dn : float
         Of the flawless surface; NaN: not known.
@@ -42,7 +42,7 @@ class Confirmed:
     """
 
     station: Station
-    parts: tuple[Seen, ...]
+    parts: tuple[AtThreshold, ...]
     noise_dn: float
     seeds: int = 1
 
@@ -171,7 +171,7 @@ def confirm_all(
         groups.setdefault(geometry(station), []).append(place)
     found: dict[int, Confirmed] = {}
     for places in groups.values():
-        seen: dict[int, list[Seen]] = {place: [] for place in places}
+        seen: dict[int, list[AtThreshold]] = {place: [] for place in places}
         noise: Noise | None = None
         for number in range(parts):
             first = with_part(stations[places[0]], number)
@@ -179,7 +179,7 @@ def confirm_all(
             noise = noise or Noise.traced(first, traced.relief)
             for place, draw in product(places, range(seeds)):
                 own = with_part(stations[place], number, draw)
-                seen[place].append(Seen.of(traced, own))
+                seen[place].append(AtThreshold.of(traced, own))
             traced.light_map.release()
         for place in places:
             deviation = noise.of(stations[place]) if noise else math.nan

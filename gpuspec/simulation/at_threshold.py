@@ -16,7 +16,7 @@ from gpuspec.station.station import Station
 
 
 @dataclass(frozen=True)
-class Seen:
+class AtThreshold:
     """One part under a design, at its threshold.
 
     Attributes
@@ -71,7 +71,7 @@ class Seen:
         return min(self.peaks_dn, default=0) - self.flawless_dn
 
     @classmethod
-    def of(cls, traced: Traced, station: Station) -> Seen:
+    def of(cls, traced: Traced, station: Station) -> AtThreshold:
         """Look at a traced part under a design of its geometry.
 
         Parameters
