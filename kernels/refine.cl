@@ -26,6 +26,12 @@ DEVICE REAL entries(__global const float *plane, int row, int column, int rows, 
     return LOAD_PRIVATE(found, 0);
 }
 
+/* A footprint's width, or where light is lost one that no neighbour has. */
+DEVICE REAL width_of(REAL light, REAL wide) {
+    REAL blind = BLIND_WIDTH;
+    return light == 0.0f && wide == 1.0f ? blind : wide;
+}
+
 /* |l_cc| + |l_rr| + 2 |l_cr| over a pixel, or more: a neighbour's width less one's own. Differences for
    which the border lacks a neighbour are 0, and so is what is no pixel. */
 DEVICE REAL changes(__global const float *light, __global const float *wide, int row, int column,
@@ -46,9 +52,10 @@ DEVICE REAL changes(__global const float *light, __global const float *wide, int
         REAL mixed = fabs(below - (NEAR(light, -1, 1) - NEAR(light, -1, -1)));
         change += 0.5f * (across ? mixed : none);
     }
-    REAL own = NEAR(wide, 0, 0);
-    change = max(change, max(fabs(own - NEAR(wide, 0, -1)), fabs(own - NEAR(wide, 0, 1))));
-    change = max(change, max(fabs(own - NEAR(wide, -1, 0)), fabs(own - NEAR(wide, 1, 0))));
+#define WIDTH_AT(r, c) width_of(NEAR(light, r, c), NEAR(wide, r, c))
+    REAL own = WIDTH_AT(0, 0);
+    change = max(change, max(fabs(own - WIDTH_AT(0, -1)), fabs(own - WIDTH_AT(0, 1))));
+    change = max(change, max(fabs(own - WIDTH_AT(-1, 0)), fabs(own - WIDTH_AT(1, 0))));
     return (place >= 0.0f && place < (float)columns ? change : none);
 }
 

@@ -417,7 +417,7 @@ DEVICE Sight posed_sight(Geometry g, Surface s, CameraRay c, float x, float y, R
                          MASK hidden, MASK again) {
 #elif defined(SLICED)
 /* One ray whole of a slice of a pixel, from the camera over the surface `s` to the light. */
-DEVICE Sight slice_sight(Geometry g, Surface s, CameraRay c, float x, float y, REAL outline) {
+DEVICE Sight slice_sight(Geometry g, Surface s, CameraRay c, REAL outline) {
 #else
 /* One ray whole, from the camera over the surface `s` at height z to the light; (x, y) is how far on
    z = 0 it is from its pixel's centre, where the camera is off focus; `outline` as in `loss_of`. */
@@ -440,9 +440,11 @@ DEVICE Sight sight_from(Geometry g, Surface s, REAL x0, REAL y0, REAL z, float x
 #ifdef SLICED
     irradiance *= c.slice.share;
 #endif
+#ifndef SLICED
     if (g.lean != 0.0f) {
         light.x -= g.lean / c.share * (x * slope.turn_x + y * slope.turn_y);
     }
+#endif
     Sight v;
     v.lost = loss_of(g, c, leaving, hit, light, outline);
 #ifdef POSED

@@ -391,8 +391,7 @@ DEVICE Sight slice_ray(Geometry g, Lists lists, int first, int last, REAL column
     Meeting m = meeting_of(g, lists, first, last, at, x0, y0);
     CameraRay c = camera_ray(x0, y0, m.z, g.camera_height);
     c.slice = slice;
-    return slice_sight(g, m.surface, c, 0.0f, 0.0f,
-                       block_outline(lists, first, last, m.at, g.sampling));
+    return slice_sight(g, m.surface, c, block_outline(lists, first, last, m.at, g.sampling));
 }
 
 /* The same, its groove not known. */

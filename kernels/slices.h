@@ -50,10 +50,16 @@ DEVICE Slice slice_of(REAL nx, REAL ny, int index, int count) {
     REAL ay = fabs(ny);
     REAL thin = min(ax, ay);
     REAL wide = max(ax, ay);
-    /* Of half of them, those in a corner: by what it takes of the way, one at least, not all. */
-    REAL few = clamp(rint(FLOAT(count) * thin / (thin + wide)), 1.0f, FLOAT(half_count - 1));
+    /* Of half of them, those in a corner: by what it takes of the way; none or all where nothing is
+       left of the one or of the other. */
+    REAL few = rint(FLOAT(count) * thin / (thin + wide));
+    REAL none = 0.0f;
+    REAL least = (thin > 1e-6f ? none + 1.0f : none);
+    REAL most = FLOAT(half_count) - (wide - thin > 1e-6f ? none + 1.0f : none);
+    few = clamp(few, least, most);
     MASK corner = from < few;
-    REAL each = (corner ? thin / few : 0.5f * (wide - thin) / (FLOAT(half_count) - few));
+    REAL each = (corner ? thin / max(few, 1.0f)
+                        : 0.5f * (wide - thin) / max(FLOAT(half_count) - few, 1.0f));
     REAL middle = (corner ? each * (from + 0.5f) : thin + each * (from - few + 0.5f));
     REAL off = 0.28867513f * each; /* 1/2 sqrt(1/3) */
     Chord a = chord_at(side * nx, side * ny, middle - off, corner);

@@ -599,6 +599,6 @@ SPOT_DISC = 1e-5
 # ------------------------------------------------------------------------------ slices of a pixel
 
 SLICES_OF_SQUARES = 1.5
-SLICES_RMS_DN = 0.01
-"""Error of 20 slices over that of 8 x 8 squares, both against 48 slices, and what is added where
+SLICES_RMS_DN = 0.03
+"""Error of 20 slices over that of 8 x 8 squares, both against 48 x 48, and what is added where
 both are small, in grey levels; the largest may be ten times as much."""

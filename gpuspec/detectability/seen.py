@@ -52,7 +52,7 @@ class Seen:
             return cls.of(station, relief, listing.pixels, backend)
         return cls._of(
             RefinedLightMap(
-                station, relief, backend.traced, listing.pixels, listing.refinable.sides
+                station, relief, backend.traced, listing.pixels, listing.refinable.places
             ),
             listing.pixels[: listing.refinable.end],
         )  # fmt: skip

@@ -57,6 +57,10 @@ LINE_MIN = 64
 STRIP_VECTORS, STRIP_ROWS = 32, 32
 """What a work-item looks at to find where sub-rays are needed: vectors of a row, and rows."""
 
+BLIND_WIDTH_MM = 1e6
+"""What stands for a footprint's width where light is lost when pixels are told to be refined: so
+much more than any that all of an edge of loss are, as finely as can be."""
+
 NO_PIXEL = 0xFFFFFFFF
 """In a list of pixels: none."""
 
@@ -82,6 +86,7 @@ DEFINES = {
     "CELLS_FINE": f"{CELLS_FINE}.0f",
     "CELLS_COARSE": f"{CELLS_COARSE}.0f",
     "CELLS_OFFSET": f"{CELLS_OFFSET}.0f",
+    "BLIND_WIDTH": f"{BLIND_WIDTH_MM}f",
     "NO_PIXEL": f"{NO_PIXEL}u",
     "STRIP_VECTORS": f"{STRIP_VECTORS}",
     "STRIP_ROWS": f"{STRIP_ROWS}",

@@ -53,7 +53,7 @@ class NumpyLightMap(LightMap):
         sub_rays = sliced if station.camera.sliced else squared
         for band in self._bands():
             row, column = self._places(band)
-            for i, paths in enumerate(sub_rays(part, station, column, row)):
+            for i, paths in enumerate(sub_rays(part, station, relief, column, row)):
                 seen = paths.lost == 0
                 arrays[0][i, band] = np.where(seen, paths.light[..., 0], 0)
                 arrays[1][i, band] = paths.wide

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.light.float64 import Array, Part, Paths, Sides, follow
-from gpuspec.part.view import surface_points
+from gpuspec.part.crossings import courses
+from gpuspec.part.relief import Relief
 from gpuspec.station.station import Station
 
+_NOTHING = 1e-6  # of a pixel: what is thinner has no slice
 _NODE = 0.5 / np.sqrt(3)  # of Gauss and Legendre, from the middle of an interval of length 1
 
 
@@ -24,7 +27,7 @@ def centres(
 
 
 def squared(
-    part: Part, station: Station, column: NDArray[Any], row: NDArray[Any]
+    part: Part, station: Station, relief: Relief, column: NDArray[Any], row: NDArray[Any]
 ) -> Iterator[Paths]:
     """Yield each of the n x n sub-rays of pixels, row by row within the pixel.
 
@@ -32,6 +35,8 @@ def squared(
     ----------
     part : Part
     station : Station
+    relief : Relief
+        Of that station.
     column, row : ndarray
         Of the pixels, of shapes that broadcast.
     """
@@ -49,7 +54,7 @@ def squared(
 
 
 def sliced(
-    part: Part, station: Station, column: NDArray[Any], row: NDArray[Any]
+    part: Part, station: Station, relief: Relief, column: NDArray[Any], row: NDArray[Any]
 ) -> Iterator[Paths]:
     """Yield the sub-ray of each slice of pixels that a groove crosses.
 
@@ -57,40 +62,18 @@ def sliced(
     ----------
     part : Part
     station : Station
+    relief : Relief
+        Of that station.
     column, row : ndarray
         Of the pixels, of one shape.
     """
     p = station.camera.sampling_mm
     x, y = centres(station, column, row)
-    along = course(part, *surface_points(station, column, row))
+    along = courses(station, relief, row.ravel(), column.ravel()).reshape(2, *row.shape)
     for dx, dy, sides, share in slices((-along[1], along[0]), station.camera.side):
         across, down = ((p * side[0], p * side[1]) for side in sides)
         paths = follow(part, station, x + p * dx, y + p * dy, sides=(across, down))
-        yield Paths(**{**vars(paths), "irradiance": paths.irradiance * share})
-
-
-def course(part: Part, x: Array, y: Array) -> tuple[Array, Array]:
-    """Return the direction of the groove that is the nearest to each point.
-
-    Parameters
-    ----------
-    part : Part
-        With a groove, of some length.
-    x, y : ndarray
-        In mm.
-    """
-    best = np.full(x.shape, np.inf)
-    found = np.zeros((2, *x.shape))
-    for start_x, start_y, end_x, end_y in part.grooves.ends:
-        length = np.hypot(end_x - start_x, end_y - start_y)
-        if not length:
-            continue
-        ux, uy = (end_x - start_x) / length, (end_y - start_y) / length
-        foot = np.clip((x - start_x) * ux + (y - start_y) * uy, 0, length)
-        distance = np.hypot(x - start_x - foot * ux, y - start_y - foot * uy)
-        found[:, distance < best] = [[ux], [uy]]
-        best = np.minimum(best, distance)
-    return found[0], found[1]
+        yield replace(paths, irradiance=paths.irradiance * share)
 
 
 def slices(
@@ -118,14 +101,15 @@ def slices(
     """
     nx, ny = np.asarray(across[0], float), np.asarray(across[1], float)
     thin, wide = np.sort(np.abs([nx, ny]), axis=0)
-    few = np.clip(np.rint(count * thin / (thin + wide)), 1, count // 2 - 1)
+    few = np.rint(count * thin / (thin + wide))
+    few = np.clip(few, thin > _NOTHING, count // 2 - (wide - thin > _NOTHING))
     for i in range(count):
         place = min(i, count - 1 - i)
         behind = [  # the corner, the slice's two faces
             np.where(
                 nth <= few,
-                thin * nth / few,
-                thin + (wide - thin) / 2 * (nth - few) / (count / 2 - few),
+                thin * nth / np.maximum(few, 1),
+                thin + (wide - thin) / 2 * (nth - few) / np.maximum(count / 2 - few, 1),
             )
             for nth in (place, place + 1)
         ]

@@ -46,6 +46,10 @@ _LEAST = 0.01
 # Share of it below which all the work there is takes no time worth knowing.
 _SHORT = 1 / 64
 
+# A pool has memory in sizes that are so much apart, and may keep so much of a device's that nobody
+# uses now, whatever was asked for before.
+_ROUNDED, _UNUSED = 1 / 8, 1 / 16
+
 LOCAL_BYTES_MIN = 2048
 """Local memory that counting levels takes at least: one set of counters, and some to spare."""
 
@@ -241,6 +245,12 @@ class OpenCLDevice:
 
     def empty(self, size: int) -> Any:
         """Reserve bytes on the device."""
+        largest = self.device.max_mem_alloc_size
+        if size > largest * (1 - _ROUNDED):  # the pool's next size may be too large
+            return self.cl.Buffer(self.context, self.cl.mem_flags.READ_WRITE, size)
+        unused = self._pool.managed_bytes - self._pool.active_bytes
+        if unused > self.device.global_mem_size * _UNUSED:
+            self.give_back()
         return self._pool.allocate(size)
 
     def give_back(self) -> None:

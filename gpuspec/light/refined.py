@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.arrays import Image
+from gpuspec.arrays import Image, Mask
 from gpuspec.light.float64_noise import Moments
 from gpuspec.light.levels import LevelCounter, Levels, Pixels, Sample, Zones
 from gpuspec.light.light_map import LightMap, LightMapArrays, in_closed_form
 from gpuspec.light.lists import Lists
 from gpuspec.light.patterns import Pattern
 from gpuspec.light.refined_levels import RefinedCounter
-from gpuspec.light.refinement import Neighbourhood, bend_of, by_cut
+from gpuspec.light.refinement import Neighbourhood, at_loss, bend_of, by_cut
 from gpuspec.part.crossings import crossings
 from gpuspec.part.grooves import by_block
 from gpuspec.part.relief import Relief
@@ -29,7 +29,7 @@ Traced = Callable[[Station, Relief, Pixels | None], LightMap]
 
 
 class RefinedLightMap(LightMap):
-    """A light map of one footprint per pixel, and lists of pixels with n x n sub-rays.
+    """A light map of one footprint per pixel, and lists of pixels with sub-rays.
 
     Every image is that of one footprint, with the lists' pixels put into it.
 
@@ -43,9 +43,10 @@ class RefinedLightMap(LightMap):
         A backend's, see :meth:`gpuspec.light.backend.Backend.traced`.
     pixels : ndarray of uint32, shape (n,), optional
         Those of a list; None: all of the image.
-    needed : callable, optional
-        Returns, from the list's light map of one footprint, how many sub-rays each pixel needs on
-        a side, where the list holds what tells; None: the neighbours of all are traced to tell.
+    cuts : callable, optional
+        Returns, from the list's light map of one footprint, the places of those that are refined by
+        how they are cut, where the list holds what tells; None: the neighbours of all are traced
+        to tell.
     """
 
     def __init__(
@@ -54,35 +55,55 @@ class RefinedLightMap(LightMap):
         relief: Relief,
         traced: Traced,
         pixels: Pixels | None = None,
-        needed: Callable[[LightMap], NDArray[np.uint8]] | None = None,
+        cuts: Callable[[LightMapArrays], dict[int, Pixels]] | None = None,
     ) -> None:
         self.station, self.pixels = station, pixels
-        self._coarse = lambda some: traced(with_cut(station, 1), relief, some)
+        self._coarse: Callable[[Pixels], LightMap] = lambda some: traced(
+            with_cut(station, 1), relief, some
+        )
         self.base = traced(with_cut(station, 1), relief, pixels)
-        sides = (needed(self.base) if needed else self._needed()).ravel()
-        own = _not_one(sides)
-        own = own[by_block(own if pixels is None else pixels[own], station.shape)]
-        numbers = own if pixels is None else pixels[own]
-        cuts = by_cut(sides[own], lambda some: crossings(station, relief, numbers[some]))
-        finer = [
-            traced(with_cut(station, cut), relief, numbers[some]) for cut, some in cuts.items()
-        ]
-        self.lists = self.base.together(finer)
-        self.places = np.concatenate([own[some] for some in cuts.values()] or [own])
+        finer = cuts(self.base.read()) if cuts else self._cuts(relief)
+        self.lists = self.base.together(
+            [
+                traced(with_cut(station, cut), relief, own if pixels is None else pixels[own])
+                for cut, own in finer.items()
+            ]
+        )
+        self.places = np.concatenate([np.zeros(0, np.uint32), *finer.values()])
         """Where the lists' pixels stand in the image, or in the list that this is of."""
 
-    def _needed(self) -> NDArray[np.uint8]:
+    def _cuts(self, relief: Relief) -> dict[int, Pixels]:
+        """Return the places of the pixels that are refined, by how they are cut."""
+        station, edges = self.station, np.zeros(0, np.bool_)
         if self.pixels is None:
-            return self.base.sides_needed()
-        # A pixel's neighbours tell what it needs: those of a list are traced with theirs.
-        return _needed_in_list(self.station, self.pixels, self._coarse)
+            sides = self.base.sides_needed().ravel()
+            own = numbers = _not_one(sides)
+        else:
+            # A pixel's neighbours tell what it needs: those of a list are traced with theirs.
+            several, which = np.unique(self.pixels, return_inverse=True)
+            around = Neighbourhood(several.astype(np.int64), station.shape)
+            arrays = self._coarse(around.pixels.astype(np.uint32)).read()
+            light, wide = arrays.light_mm[0, 0], arrays.wide_mm[0, 0]
+            sides = around.sides_needed(light, wide, bend_of(station.camera))[which]
+            edges = around.at_loss(arrays.lost[0])[which]
+            own = _not_one(sides)
+            numbers = self.pixels[own]
+        order = by_block(numbers, station.shape)
+        own, numbers = own[order], numbers[order]
+
+        def at_edges(some: NDArray[np.int64]) -> Mask:
+            if self.pixels is None:
+                return at_loss(self.base.lost(), own[some])
+            found: Mask = edges[own[some]]
+            return found
+
+        found = by_cut(sides[own], lambda some: crossings(station, relief, numbers[some]), at_edges)
+        return {cut: own[some] for cut, some in found.items()}
 
     @property
     def refined(self) -> dict[int, int]:
         """See :attr:`LightMap.refined`."""
-        cuts = [part.station.camera.subsampling for part in self.lists.parts]
-        sizes = [part.shape[1] for part in self.lists.parts]
-        return {cut: size for cut, size in zip(cuts, sizes, strict=True) if cut != "auto"}
+        return {part.station.camera.cut: part.shape[1] for part in self.lists.parts}
 
     @property
     def parts(self) -> tuple[LightMap, ...]:
@@ -239,14 +260,3 @@ def _not_one(needed: NDArray[np.uint8]) -> Pixels:
     places = np.concatenate([near, np.arange(whole, len(needed))]).astype(np.uint32)
     found: Pixels = places[needed[places] != 1]
     return found
-
-
-def _needed_in_list(
-    station: Station, pixels: Pixels, coarse: Callable[[Pixels], LightMap]
-) -> NDArray[np.uint8]:
-    """Return the sub-rays on a side that each pixel of a list needs, as in the image."""
-    own, places = np.unique(pixels, return_inverse=True)
-    around = Neighbourhood(own.astype(np.int64), station.shape)
-    arrays = coarse(around.pixels.astype(np.uint32)).read()
-    light, wide = arrays.light_mm[0, 0], arrays.wide_mm[0, 0]
-    return around.sides_needed(light, wide, bend_of(station.camera))[places]

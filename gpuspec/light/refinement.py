@@ -26,6 +26,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from gpuspec.arrays import Mask
+from gpuspec.light.constants import BLIND_WIDTH_MM
 from gpuspec.part.crossings import CREASE, GROOVE
 from gpuspec.part.guard import widened
 from gpuspec.part.spans import pixels_of
@@ -79,8 +81,8 @@ def sides_needed(
     Parameters
     ----------
     light, wide : ndarray of float32, shape (M, N)
-        Light coordinate and the wider of the footprint's boxes with one ray per pixel, mm. Where
-        light is lost both are what no neighbour has, so that edges of loss are refined.
+        Light coordinate and the wider of the footprint's boxes with one ray per pixel, mm; 0 and 1
+        where light is lost, whose edges are refined the most.
     bend : float
         See :func:`bend_of`.
 
@@ -97,6 +99,7 @@ def sides_needed(
     [1, 1, 1, 2, 4, 4, 4, 4, 1, 1, 1]
     """
     rows, columns = light.shape
+    wide = _told_apart(light, wide)
     found = np.empty(light.shape, np.uint8)
     across = np.zeros(columns, bool)
     across[1:-1] = True
@@ -150,9 +153,56 @@ class Neighbourhood:
         bend : float
             See :func:`bend_of`.
         """
+        wide = _told_apart(light, wide)
         near = [np.moveaxis(plane[self._near], -1, 0) for plane in (light, wide)]
         change = _changes(near[0], near[1], *self._inner).ravel()
         return _sides(change[self._spread].max(axis=(0, 1), initial=0), wide[self._own], bend)
+
+    def at_loss(self, lost: NDArray[np.uint8]) -> Mask:
+        """Return which of the n pixels are at an edge of loss, see :func:`at_loss`.
+
+        Parameters
+        ----------
+        lost : ndarray of uint8, shape (k,)
+            Why `pixels` see no light.
+        """
+        if not lost.any():
+            return np.zeros(len(self._own), np.bool_)
+        return _differ(lost[self._near[:, :, self._spread[1, 1]]])
+
+
+def at_loss(lost: NDArray[np.uint8], pixels: NDArray[np.integer]) -> Mask:
+    """Return which pixels are at an edge of loss: of the 3 x 3 around some see light, some none.
+
+    An edge need not run along a groove, so that slices would not tell on which side they are.
+
+    Parameters
+    ----------
+    lost : ndarray of uint8, shape (M, N)
+        Why each pixel of the image sees no light.
+    pixels : ndarray of int, shape (n,)
+        Flat indices into it.
+    """
+    if not len(pixels) or not lost.any():
+        return np.zeros(len(pixels), np.bool_)
+    row, column = np.divmod(pixels.astype(np.int64), lost.shape[1])
+    steps = np.arange(-1, 2)
+    rows = np.clip(row + steps[:, None, None], 0, lost.shape[0] - 1)
+    columns = np.clip(column + steps[:, None], 0, lost.shape[1] - 1)
+    return _differ(lost[rows, columns])
+
+
+def _differ(lost: NDArray[np.uint8]) -> Mask:
+    """Return where, of codes of shape (3, 3, n), some are of loss and some not."""
+    dark = lost != 0
+    found: Mask = dark.any(axis=(0, 1)) & ~dark.all(axis=(0, 1))
+    return found
+
+
+def _told_apart(light: NDArray[np.float32], wide: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return widths, or where light is lost one that no neighbour has."""
+    blind = (wide == 1) & (light == 0)
+    return np.where(blind, np.float32(BLIND_WIDTH_MM), wide) if blind.any() else wide
 
 
 def _neighbours(pixels: Ints, among: Ints, shape: tuple[int, int]) -> Ints:
@@ -211,7 +261,9 @@ def name_of(cut: int) -> str:
 
 
 def by_cut(
-    sides: NDArray[np.uint8], crossings: Callable[[Ints], NDArray[np.uint8]]
+    sides: NDArray[np.uint8],
+    crossings: Callable[[Ints], NDArray[np.uint8]],
+    at_loss: Callable[[Ints], Mask],
 ) -> dict[int, Ints]:
     """Return the numbers of the pixels that are refined, by how they are cut.
 
@@ -221,11 +273,15 @@ def by_cut(
         Sub-rays that each needs on a side.
     crossings : callable
         Returns what crosses some, given by their numbers: see :mod:`gpuspec.part.crossings`.
+    at_loss : callable
+        Returns which of some are at an edge of loss.
     """
     cuts = sides.astype(np.int8)
     finest = np.flatnonzero(sides == SIDES[-1])
     across = crossings(finest)
-    cuts[finest[across == GROOVE]] = -SLICES
+    grooved = finest[across == GROOVE]
+    if len(grooved):
+        cuts[grooved[~at_loss(grooved)]] = -SLICES
     cuts[finest[across == CREASE]] = CREASED
     places = {cut: np.flatnonzero(cuts == cut) for cut in CUTS}
     return {cut: own for cut, own in places.items() if len(own)}

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
+from gpuspec.arrays import Mask
 from gpuspec.part.grooves import BLOCK
 from gpuspec.part.guard import faint_from
 from gpuspec.part.marches import march_of
@@ -13,14 +17,137 @@ from gpuspec.part.truth import window
 from gpuspec.part.view import surface_points
 from gpuspec.station.station import Station
 
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
 OTHER, GROOVE, CREASE = 0, 1, 2
 """What crosses a pixel: neither; one groove alone, as if it had no end, so that the light
-coordinate bends across it and not along it; or the line on which two pieces of one groove are as
-near, where it jumps."""
+coordinate bends across it and not along it; or a line on which two sides of one groove are as near,
+so that it jumps."""
 
 _CORNER = 0.71  # of a pixel: as far as its corners are from its centre
 _AROUND = 3  # pixels: so far from what bends the light its neighbours may be refined
 _BENT = 0.1  # sine of the angle between two pieces, from which on the jump matters
+_CROWD = 16  # pieces: where more reach a block nothing is told of its pixels
+_PAIRS_AT_ONCE = 1 << 19
+
+
+@dataclass(frozen=True)
+class Near:
+    """What reaches the blocks of some pixels.
+
+    Attributes
+    ----------
+    first, count : ndarray of int64, shape (n,)
+        Where in :meth:`Relief.blocks` each block's list begins, and how many grooves it has.
+    edges : ndarray of bool, shape (n,)
+        Whether edge defects stand behind them.
+    """
+
+    first: Ints
+    count: Ints
+    edges: Mask
+
+    @classmethod
+    def of(cls, station: Station, relief: Relief, row: Ints, column: Ints) -> Near:
+        """Look up the blocks of pixels.
+
+        Parameters
+        ----------
+        station : Station
+        relief : Relief
+        row, column : ndarray of int64, shape (n,)
+        """
+        begin, pieces = relief.blocks(station)
+        block = row // BLOCK * -(-station.shape[1] // BLOCK) + column // BLOCK
+        first, end = begin[block].astype(np.int64), begin[block + 1].astype(np.int64)
+        if not len(relief.edges):
+            return cls(first, end - first, np.zeros(len(first), np.bool_))
+        before = np.concatenate([[0], np.cumsum(pieces >= len(relief.grooves))])
+        edges = before[end] - before[first]
+        return cls(first, end - first - edges, edges > 0)
+
+    def only(self, some: Ints) -> Near:
+        """Return those of some of the pixels."""
+        return Near(self.first[some], self.count[some], self.edges[some])
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Pixels, and for each of them the pieces of grooves that reach its block.
+
+    Attributes
+    ----------
+    piece : ndarray of int64, shape (n,)
+        Number of the piece; pixel by pixel.
+    begin, count : ndarray of int64, shape (pixels,)
+        Where each pixel's pairs begin, and how many they are, one at least.
+    course : ndarray of float64, shape (2, n)
+        Direction of the piece.
+    along : ndarray of float64, shape (n,)
+        How far along it the pixel is from its beginning, mm.
+    beside : ndarray of float64, shape (n,)
+        How far to its left, mm.
+    distance : ndarray of float64, shape (n,)
+        From the piece, mm.
+    nearest : ndarray of int64, shape (pixels,)
+        Of each pixel the pair of the nearest piece, the first of these.
+    """
+
+    piece: Ints
+    begin: Ints
+    count: Ints
+    course: Floats
+    along: Floats
+    beside: Floats
+    distance: Floats
+    nearest: Ints
+
+    @classmethod
+    def of(
+        cls, relief: Relief, listed: NDArray[np.int32], x: Floats, y: Floats, near: Near
+    ) -> Pairs:
+        """Measure them.
+
+        Parameters
+        ----------
+        relief : Relief
+        listed : ndarray of int32
+            The pieces of :meth:`Relief.blocks`.
+        x, y : ndarray of float64, shape (pixels,)
+            Where the pixels' centres meet the part's shape, mm.
+        near : Near
+            Of these pixels, each with a groove at least.
+        """
+        count = near.count
+        begin = np.cumsum(count) - count
+        piece = listed[np.arange(count.sum()) + np.repeat(near.first - begin, count)]
+        start_x, start_y, end_x, end_y = relief.grooves.ends.T
+        length = np.hypot(end_x - start_x, end_y - start_y)
+        point = length == 0  # has no direction: any will do
+        unit = np.where(point, 1, length)
+        ux, uy = (
+            np.where(point, 1, (end_x - start_x) / unit)[piece],
+            ((end_y - start_y) / unit)[piece],
+        )
+        dx, dy = np.repeat(x, count) - start_x[piece], np.repeat(y, count) - start_y[piece]
+        along, beside = dx * ux + dy * uy, ux * dy - uy * dx
+        past = along - np.minimum(np.maximum(along, 0), length[piece])
+        distance = np.sqrt(past * past + beside * beside)
+        least = np.repeat(np.minimum.reduceat(distance, begin), count)
+        least = np.flatnonzero(distance == least)
+        nearest = least[np.searchsorted(least, begin)]
+        return cls(piece, begin, count, np.stack([ux, uy]), along, beside, distance, nearest)
+
+    def of_nearest(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return, for each pair, what its pixel's nearest piece has."""
+        found: NDArray[Any] = np.repeat(values[..., self.nearest], self.count, axis=-1)
+        return found
+
+    def all(self, holds: Mask) -> Mask:
+        """Return for which pixels something holds of all pairs."""
+        found: Mask = np.logical_and.reduceat(holds, self.begin)
+        return found
 
 
 def crossings(station: Station, relief: Relief, pixels: NDArray[np.integer]) -> NDArray[np.uint8]:
@@ -38,75 +165,83 @@ def crossings(station: Station, relief: Relief, pixels: NDArray[np.integer]) -> 
     -------
     ndarray of uint8, shape (n,)
         ``OTHER``, ``GROOVE`` or ``CREASE``; ``OTHER`` wherever pixels look at a spot wider than
-        themselves, or rays are followed in steps.
+        themselves, rays are followed in steps, or a block has very many grooves.
     """
     found = np.full(len(pixels), OTHER, np.uint8)
-    camera, part, grooves = station.camera, station.part, relief.grooves
+    camera, part = station.camera, station.part
     spotted = camera.spot_side_mm != camera.sampling_mm
     if spotted or station.posed or part.relief or march_of(station, relief) is not None:
         return found
-    columns = station.shape[1]
-    row, column = np.divmod(pixels.astype(np.int64), columns)
-    first, pieces = relief.blocks(station)
-    block = row // BLOCK * -(-columns // BLOCK) + column // BLOCK
-    count = first[block + 1] - first[block]
-    near = np.flatnonzero(count)
-    if not len(near):
-        return found
-    row, column, count, begin = row[near], column[near], count[near], first[block[near]]
-    x, y = surface_points(station, column, row)
-    corner = _CORNER * camera.sampling_mm
-    alone = np.minimum(part.length_mm / 2 - np.abs(x), part.width_mm / 2 - np.abs(y)) > corner
+    row, column = np.divmod(pixels.astype(np.int64), station.shape[1])
+    near = Near.of(station, relief, row, column)
+    told = np.flatnonzero((near.count > 0) & (near.count <= _CROWD) & ~near.edges)
+    ends = np.flatnonzero(np.diff(np.cumsum(near.count[told]) // _PAIRS_AT_ONCE)) + 1
+    for some in np.split(told, ends) if len(told) else ():
+        x, y = surface_points(station, column[some], row[some])
+        pairs = Pairs.of(relief, relief.blocks(station)[1], x, y, near.only(some))
+        found[some] = _told(pairs, station, relief)
+        inward = np.minimum(part.length_mm / 2 - np.abs(x), part.width_mm / 2 - np.abs(y))
+        found[some[inward <= _CORNER * camera.sampling_mm]] = OTHER
     for patch in relief.maps:
         rows, across = window(patch, station)
         inside = (row >= rows.start) & (row < rows.stop)
-        alone &= ~(inside & (column >= across.start) & (column < across.stop))
-    # Pairs of a pixel and a piece that reaches its block.
-    at = np.cumsum(count) - count
-    piece = pieces[np.arange(count.sum()) + np.repeat(begin - at, count)]
-    if len(relief.edges):
-        alone &= np.maximum.reduceat(piece, at) < len(grooves)
-        piece = np.minimum(piece, len(grooves) - 1)
-    start_x, start_y, end_x, end_y = grooves.ends.T
-    length = np.hypot(end_x - start_x, end_y - start_y)
-    unit = np.maximum(length, 1e-30)
-    ux, uy = ((end_x - start_x) / unit)[piece], ((end_y - start_y) / unit)[piece]
-    dx, dy = np.repeat(x, count) - start_x[piece], np.repeat(y, count) - start_y[piece]
-    along, length = dx * ux + dy * uy, length[piece]
-    foot = np.minimum(np.maximum(along, 0), length)
-    dx -= foot * ux
-    dy -= foot * uy
-    distance = np.sqrt(dx * dx + dy * dy)
-    nearest = np.repeat(np.minimum.reduceat(distance, at), count)
-    itself = distance == nearest
-    one = np.add.reduceat(itself, at, dtype=np.int32) == 1
-    owner = grooves.owner[piece]
-    own = owner == np.repeat(np.maximum.reduceat(np.where(itself, owner, -1), at), count)
-    reach = faint_from(grooves, station)[piece]
-    # Others of the same defect are nowhere in the pixel as near, other defects faint there.
-    fits = distance > np.where(own, nearest + 2 * corner, reach + corner)
-    whole = (along > corner) & (along < length - corner)
-    whole &= distance < reach + _AROUND * camera.sampling_mm
-    alone &= one & np.logical_and.reduceat(np.where(itself, whole, fits), at)
-    # Pieces whose sides meet in the pixel: on the outer side of a bend both are as near by its end.
-    meet = own & (along > -corner) & (along < length + corner)
-    meet &= distance <= nearest + 2 * corner
-    turn = np.abs(ux * _of_nearest(uy, itself, at, count) - uy * _of_nearest(ux, itself, at, count))
-    bent = np.logical_or.reduceat(meet & (turn > _BENT), at)
-    found[near[bent]] = CREASE
-    found[near[alone]] = GROOVE
+        found[inside & (column >= across.start) & (column < across.stop)] = OTHER
     return found
 
 
-def _of_nearest(
-    values: NDArray[np.float64],
-    itself: NDArray[np.bool_],
-    at: NDArray[np.int64],
-    count: NDArray[np.int32],
-) -> NDArray[np.float64]:
-    """Return, for each pair, the largest value of its pixel's nearest pieces."""
-    largest: NDArray[np.float64] = np.maximum.reduceat(np.where(itself, values, -2.0), at)
-    return np.repeat(largest, count)
+def courses(station: Station, relief: Relief, row: Ints, column: Ints) -> Floats:
+    """Return the direction of the groove nearest to each pixel, of those that reach its block.
+
+    Parameters
+    ----------
+    station : Station
+    relief : Relief
+        Of that station.
+    row, column : ndarray of int64, shape (n,)
+
+    Returns
+    -------
+    ndarray of float64, shape (2, n)
+        Unit vectors; of no groove (1, 0).
+    """
+    found = np.zeros((2, len(row)))
+    found[0] = 1
+    near = Near.of(station, relief, row, column)
+    told = np.flatnonzero(near.count > 0)
+    if len(told):
+        x, y = surface_points(station, column[told], row[told])
+        pairs = Pairs.of(relief, relief.blocks(station)[1], x, y, near.only(told))
+        found[:, told] = pairs.course[:, pairs.nearest]
+    return found
+
+
+def _told(pairs: Pairs, station: Station, relief: Relief) -> NDArray[np.uint8]:
+    """Return what crosses pixels of which nothing but grooves is to be told."""
+    p, grooves = station.camera.sampling_mm, relief.grooves
+    corner = _CORNER * p
+    owner = grooves.owner[pairs.piece]
+    length = np.hypot(*(grooves.ends[:, 2:] - grooves.ends[:, :2]).T)[pairs.piece]
+    reach = faint_from(grooves, station)[pairs.piece]
+    itself = np.zeros(len(owner), np.bool_)
+    itself[pairs.nearest] = True
+    own = owner == pairs.of_nearest(owner)
+    gap = pairs.distance - pairs.of_nearest(pairs.distance)
+    matters = pairs.distance < reach + _AROUND * p
+    # One that does not end here; others of the same defect are nowhere in the pixel as near, other
+    # defects faint there.
+    endless = (pairs.along > corner) & (pairs.along < length - corner)
+    away = np.where(own, gap > 2 * corner, pairs.distance > reach + corner)
+    groove = pairs.all(np.where(itself, endless & matters, away))
+    # Two sides that meet here: of pieces at an angle, or of such that look at each other. On the
+    # outer side of a bend both are as near by the end that they share.
+    meet = own & matters & (gap <= 2 * corner)
+    meet &= (pairs.along > -corner) & (pairs.along < length + corner)
+    (ux, uy), (vx, vy) = pairs.course, pairs.of_nearest(pairs.course)
+    beside = pairs.of_nearest(pairs.beside)
+    facing = (ux * vx + uy * vy) * pairs.beside * beside < 0
+    facing &= np.minimum(np.abs(pairs.beside), np.abs(beside)) > corner
+    crease = ~pairs.all(~(meet & ((np.abs(ux * vy - uy * vx) > _BENT) | facing)))
+    return np.where(groove, GROOVE, np.where(crease, CREASE, OTHER)).astype(np.uint8)
 
 
 class Crossings:

@@ -39,7 +39,9 @@ class Relief:
     grooves: Grooves
     maps: tuple[TopographyMap, ...]
     edges: Edges = NO_EDGES
-    _known: dict[str, Blocks] = field(default_factory=dict, repr=False, compare=False)
+    _known: list[tuple[str, Blocks]] = field(
+        default_factory=list, init=False, repr=False, compare=False
+    )
 
     @classmethod
     def of(
@@ -92,10 +94,16 @@ class Relief:
         camera = station.camera.model_copy(update={"subsampling": 1})
         station = station.model_copy(update={"camera": camera})
         key = f"{station.part!r} {camera!r}"
-        if key not in self._known:
-            self._known.clear()
-            self._known[key] = blocks(self.grooves, station, self.edges)
-        return self._known[key]
+        for known, found in self._known:
+            if known == key:
+                return found
+        found = blocks(self.grooves, station, self.edges)
+        self._known[:] = [(key, found)]
+        return found
+
+    def __getstate__(self) -> dict[str, object]:
+        """Leave behind what can be asked again."""
+        return {**self.__dict__, "_known": []}
 
     @property
     def remarks(self) -> tuple[str, ...]:

@@ -406,18 +406,23 @@ class Camera(Section):
         return 0.75 * self.off_focus * self.pupil_mm**2 / self.spot_side_mm**2
 
     @property
-    def side(self) -> int:
-        """Sub-rays on each side of a pixel, or its slices; with auto of one that is not refined."""
-        return 1 if self.subsampling == "auto" else abs(self.subsampling)
+    def cut(self) -> int:
+        """How pixels are cut: into n x n squares or, below 0, -n slices along a groove.
+
+        With auto of one that is not refined. No file asks for slices: they are of lists, see
+        :mod:`gpuspec.light.refinement`.
+        """
+        return 1 if self.subsampling == "auto" else self.subsampling
 
     @property
     def sliced(self) -> bool:
-        """Whether pixels are in slices along the groove that crosses each, a sub-ray a slice.
+        """Whether pixels are in slices, a sub-ray each."""
+        return self.cut < 0
 
-        No file says so: a ``subsampling`` below 0 is of a list, see
-        :mod:`gpuspec.light.refinement`.
-        """
-        return self.subsampling != "auto" and self.subsampling < 0
+    @property
+    def side(self) -> int:
+        """Sub-rays on each side of a pixel, or its slices."""
+        return abs(self.cut)
 
     @property
     def sub_rays(self) -> int:

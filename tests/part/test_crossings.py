@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenes import check_station
 
 from gpuspec.part.crossings import CREASE, GROOVE, OTHER, Crossings, crossings
+from gpuspec.part.guard import faint_from
+from gpuspec.part.maps import TopographyMap
+from gpuspec.part.marches import march_of
 from gpuspec.part.relief import Relief
 from gpuspec.part.view import surface_points
 
@@ -105,6 +110,76 @@ def test_none_is_where_slices_would_not_tell(changes):
     station, _ = scene(SCRATCH)
     station = station.replace(camera__pupil_mm=2.0, **changes)
     assert (told(station, Relief.of(station)) == OTHER).all()
+
+
+def line(y, x=4.0, **changes):
+    return {**SCRATCH, "points_mm": [[-x, y], [x, y]], **changes}
+
+
+def test_where_a_patch_may_be_seen_grooves_are_not_all():
+    heights = 1e-4 * np.random.default_rng(0).random((9, 11))
+    patch = TopographyMap(heights, heights, (0.1, 0.1), (0.5, -0.2), None, "defects[2]")
+    station, relief = scene(line(0.0))
+    assert (every(station, relief) & ~every(station, replace(relief, maps=(patch,)))).any()
+    found = every(station, replace(relief, maps=(patch,)))
+    x, y = places(station)
+    assert not found[(np.abs(x - 1.0) < 0.5) & (np.abs(y - 0.2) < 0.4)].any()
+    assert np.array_equal(found[x < 0.2], every(station, relief)[x < 0.2])
+
+
+def test_a_part_that_rays_may_meet_twice_has_none():
+    deep = line(0.0, width_mm=0.1, depth_um=60.0)
+    station, relief = scene(deep, part__surface="height")
+    assert march_of(station, relief) is not None
+    assert (told(station, relief) == OTHER).all()
+
+
+@pytest.mark.parametrize("apart", [0.9, 3.0])
+def test_between_two_scratches_both_reach_none_is_alone(apart):
+    station, relief = scene(line(-apart / 2), line(apart / 2))
+    found, p = every(station, relief), station.camera.sampling_mm
+    reach = faint_from(relief.grooves, station).max()
+    _, y = places(station)
+    off = np.abs(np.abs(y) - apart / 2)
+    other = np.abs(y) + apart / 2
+    both = other < reach + 0.5 * p
+    assert not found[both & (off < reach)].any()
+    clear = (other > reach + 0.8 * p) & (off < reach)
+    assert found[clear & (np.abs(places(station)[0]) < 3)].all()
+    assert both.any() == (apart < 1) or clear.any()
+
+
+def test_two_sides_of_one_scratch_that_look_at_each_other_have_a_crease_between():
+    hairpin = {**SCRATCH, "points_mm": [[-4.0, 0.2], [3.0, 0.2], [3.0, -0.2], [-4.0, -0.2]]}
+    station, relief = scene(hairpin)
+    found, p = told(station, relief), station.camera.sampling_mm
+    x, y = places(station)
+    inside = np.abs(x) < 2.2
+    assert (found[inside & (np.abs(y) < 0.6 * p)] == CREASE).all()
+    assert (found[inside & (np.abs(np.abs(y) - 0.2) < 0.4 * p)] == GROOVE).all()
+
+
+def test_far_from_every_groove_nothing_crosses():
+    station, relief = scene(line(0.0, width_mm=0.1, depth_um=0.5))
+    reach = faint_from(relief.grooves, station).max()
+    _, y = places(station)
+    far = np.abs(y) > reach + 4 * station.camera.sampling_mm
+    assert far.any()
+    assert (told(station, relief)[far] == OTHER).all()
+
+
+def test_a_block_of_very_many_pieces_is_not_looked_at():
+    x = np.linspace(-2, 2, 200)
+    wavy = {**SCRATCH, "points_mm": np.stack([x, 0.05 * np.sin(9 * x)], axis=1).tolist()}
+    station, relief = scene(wavy)
+    assert (told(station, relief) == OTHER).all()
+
+
+def test_pixels_are_looked_at_some_at_a_time(monkeypatch):
+    station, relief = scene(SCRATCH, DENT)
+    whole = told(station, relief)
+    monkeypatch.setattr("gpuspec.part.crossings._PAIRS_AT_ONCE", 50)
+    assert np.array_equal(told(station, relief), whole)
 
 
 def test_an_edge_defect_takes_the_pixels_of_its_blocks():

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gpuspec.arrays import BESIDE, Lost
 from gpuspec.light.constants import NO_PIXEL
 from gpuspec.light.levels import Pixels, Sample, Zones
-from gpuspec.light.light_map import LightMap
+from gpuspec.light.light_map import LightMapArrays
 from gpuspec.light.refined_levels import Roles
 from gpuspec.light.refinement import Neighbourhood, bend_of, by_cut
 from gpuspec.part.crossings import Crossings
@@ -62,35 +62,22 @@ class Refinable:
     bend: float
     crossings: Crossings
 
-    def places(self, light: NDArray[np.float32], wide: NDArray[np.float32]) -> dict[int, Pixels]:
+    def places(self, arrays: LightMapArrays) -> dict[int, Pixels]:
         """Return the places of the pixels that are refined, by how they are cut.
 
         Parameters
         ----------
-        light, wide : ndarray of float32, shape (n,)
-            Light coordinate and wider box of the list's pixels, mm.
-        """
-        order = self.order
-        found = by_cut(
-            self._needed(light, wide)[order], lambda some: self.crossings.at(order[some])
-        )
-        return {cut: self.own[order[some]].astype(np.uint32) for cut, some in found.items()}
-
-    def sides(self, light_map: LightMap) -> NDArray[np.uint8]:
-        """Return how many sub-rays each pixel of the list needs on a side.
-
-        Parameters
-        ----------
-        light_map : LightMap
+        arrays : LightMapArrays
             Of the list, one footprint per pixel.
         """
-        arrays = light_map.read()
-        found = np.ones(light_map.shape, np.uint8)
-        found.flat[self.own] = self._needed(arrays.light_mm[0, 0], arrays.wide_mm[0, 0])
-        return found
-
-    def _needed(self, light: NDArray[np.float32], wide: NDArray[np.float32]) -> NDArray[np.uint8]:
-        return self.around.sides_needed(light[self.known], wide[self.known], self.bend)
+        light, wide = (plane[0, 0, self.known] for plane in (arrays.light_mm, arrays.wide_mm))
+        edges = self.around.at_loss(arrays.lost[0, self.known])
+        order = self.order
+        found = by_cut(
+            self.around.sides_needed(light, wide, self.bend)[order],
+            lambda some: self.crossings.at(order[some]), lambda some: edges[order[some]],
+        )  # fmt: skip
+        return {cut: self.own[order[some]].astype(np.uint32) for cut, some in found.items()}
 
 
 @dataclass(frozen=True)

@@ -334,7 +334,7 @@ class Screen:
         else:
             arrays = base.read()
             lost = arrays.lost
-            finer = refinable.places(arrays.light_mm[0, 0], arrays.wide_mm[0, 0])
+            finer = refinable.places(arrays)
         counter = base.counter(zones, sample)
         if finer:
             parts = [
