@@ -5,7 +5,7 @@
 >>> station = station.replace(camera__sampling_mm=0.5)
 >>> result = gs.simulate(station)
 >>> result.score
-Score(P1 0.240, P2 1.000, F1 0.387; 33 of 36 defects hit, 3 of 36 blobs false)
+Score(P1 0.240, P2 1.000, F1 0.388; 33 of 36 defects hit, 3 of 36 blobs false)
 >>> result.picture("histogram"), result.extent_mm, result.blobs.to_pandas().shape
 (<Figure size ...>, (-100.0, 100.0, -25.0, 25.0), (36, 18))
 >>> result.light_map.score(station.replace(sensor__exposure=2))  # another design, no new trace

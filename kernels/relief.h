@@ -353,7 +353,8 @@ DEVICE Course course_at(Geometry g, Lists lists, int first, int last, REAL colum
     REAL z = none;
     int steps = g.rises > 0.0f ? NEWTON_STEPS : 0;
     for (int k = 0; k < steps; k++) {
-        Surface s = shape_at(g, x0 + at.shift_x, y0 + at.shift_y);
+        REAL share = 1.0f - z * inverse;
+        Surface s = shape_at(g, x0 * share, y0 * share);
         z = newton_height(z, s, x0, y0, g.camera_height);
         at.shift_x = -x0 * (z * inverse);
         at.shift_y = -y0 * (z * inverse);

@@ -18,7 +18,7 @@ _NOTHING = 1e-6  # of a pixel: what is thinner has no slice
 _NODE = 0.5 / np.sqrt(3)  # of Gauss and Legendre, from the middle of an interval of length 1
 
 
-def centres(
+def _centres(
     station: Station, column: NDArray[Any], row: NDArray[Any]
 ) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return where on z = 0 the centres of pixels are, mm; y points up."""
@@ -41,7 +41,7 @@ def squared(
         Of the pixels, of shapes that broadcast.
     """
     n, p = station.camera.side, station.camera.sampling_mm
-    x, y = centres(station, column, row)
+    x, y = _centres(station, column, row)
     first, third = station.camera.spread
     for i in range(n * n):
         east, north = (i % n + 0.5) / n - 0.5, 0.5 - (i // n + 0.5) / n
@@ -68,7 +68,7 @@ def sliced(
         Of the pixels, of one shape.
     """
     p = station.camera.sampling_mm
-    x, y = centres(station, column, row)
+    x, y = _centres(station, column, row)
     along = courses(station, relief, row.ravel(), column.ravel()).reshape(2, *row.shape)
     for dx, dy, sides, share in slices((-along[1], along[0]), station.camera.side):
         across, down = ((p * side[0], p * side[1]) for side in sides)

@@ -230,7 +230,10 @@ class LightMap(ABC):
 
     @property
     def refined(self) -> dict[int, int]:
-        """How many pixels have n x n sub-rays, by n, where one footprint does not tell them."""
+        """How many pixels are refined, where one footprint does not tell them, by their cut.
+
+        See :attr:`gpuspec.station.sections.Camera.cut`.
+        """
         return {}
 
     def sides_needed(self) -> NDArray[np.uint8]:

@@ -179,7 +179,7 @@ class ScoredLightMap(LightMap):
         >>> station = gpuspec.example("trim").replace(camera__sampling_mm=0.4, sensor__noise=True)
         >>> result = gpuspec.simulate(station, "numpy")
         >>> result.light_map.expected(result.threshold)
-        Expected(P1 0.243 +- 0.0005, P2 1.000 +- 0.0000; 34.00 +- 0.00 defects hit)
+        Expected(P1 0.244 +- 0.0006, P2 1.000 +- 0.0000; 34.00 +- 0.00 defects hit)
         """
         found = self.moments(station)
         zones, on_part = self._truth, self._lost != BESIDE

@@ -314,8 +314,8 @@ class Camera(Section):
     )
     subsampling: Literal["auto"] | Annotated[int, Field(ge=1, le=16)] = Field(
         "auto",
-        description="n x n sub-rays per pixel, each with its own footprint; auto: up to 8 x 8 "
-        "where one footprint does not tell what the pixel sees",
+        description="n x n sub-rays per pixel, each with its own footprint; auto: as many as it "
+        "takes where one footprint does not tell what the pixel sees",
     )
     vignetting: Literal["none", "cos4"] = Field("none", description="fall-off over the field")
     pose: Pose | None = Field(
