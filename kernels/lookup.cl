@@ -35,9 +35,10 @@ typedef struct {
 } Edges;
 
 /* Adds to the images from `c` up to `end` of a period's `images` what of the footprints lies beyond the
-   edges. */
-DEVICE void add_edges(REAL *seen, int c, int end, int images, Edges edges, int image,
-                      __global const float *nodes, float sign) {
+   edges. Returns which of these they cut, a bit each. */
+DEVICE ulong add_edges(REAL *seen, int c, int end, int images, Edges edges, int image,
+                       __global const float *nodes, float sign) {
+    ulong cut = 0;
     REAL last = edges.steps - 1.0f;
     int count = (int)-LEAST(floor((edges.x - edges.steps) / edges.between));
     for (int turn = c - image; turn < count; turn += images) {
@@ -53,8 +54,10 @@ DEVICE void add_edges(REAL *seen, int c, int end, int images, Edges edges, int i
             value += t * (slope + t * ((rise - slope - cubic) + t * cubic));
             value = (place < edges.steps ? value : 1.0f + 0.0f * value);
             seen[n - turn] += sign - sign * value;
+            cut |= (ulong)1 << (n - turn);
         }
     }
+    return cut;
 }
 
 /* Grey levels of WIDTH pixels under designs that differ in exposure alone, added up over a period's
@@ -62,37 +65,28 @@ DEVICE void add_edges(REAL *seen, int c, int end, int images, Edges edges, int i
 typedef struct {
     REAL mean[EXPOSURES];
     REAL variance[EXPOSURES];
+    REAL lit;    /* how many images see nothing but light, and are not added up yet, */
+    REAL dark;   /* or none */
     REAL normal; /* the number that draws a pixel's noise */
 } Sums;
 
-DEVICE void add_images(Sums *sums, Design d, REAL *seen, int images,
-                       __global const float *exposures, int count) {
-    for (int n = images; n % 4 != 0; n++) {
-        seen[n] = 0.0f;
-    }
+/* Adds an image of exposure E at gain 1, `times`. */
+DEVICE void add_image(Sums *sums, REAL exposure, REAL times, __global const float *exposures,
+                      int count) {
     for (int e = 0; e < count; e++) {
-        float gain = exposures[e];
-        REAL sum = 0.0f;
-        for (int n = 0; n < images; n += 4) { /* one sum of all would wait for each */
-            sum += (min(gain * seen[n], 1.0f) + min(gain * seen[n + 1], 1.0f))
-                   + (min(gain * seen[n + 2], 1.0f) + min(gain * seen[n + 3], 1.0f));
-        }
-        sums->mean[e] += sum;
+        sums->mean[e] += times * min(exposures[e] * exposure, 1.0f);
     }
 }
 
-DEVICE void add_noisy_images(Sums *sums, Design d, REAL *seen, int images,
-                             __global const float *exposures, int count, Response own,
-                             Cells cells) {
+/* The same with noise. */
+DEVICE void add_noisy_image(Sums *sums, Design d, REAL exposure, REAL times,
+                            __global const float *exposures, int count, Response own, Cells cells) {
     Noise noise = noise_of(d, cells);
     REAL dark = own.dark * noise.shot;
     for (int e = 0; e < count; e++) {
-        REAL gain = own.gain * exposures[e];
-        for (int n = 0; n < images; n++) {
-            Moments m = moments_at(cells, noise, d, gain * seen[n] + dark);
-            sums->mean[e] += m.mean;
-            sums->variance[e] += m.variance;
-        }
+        Moments m = moments_at(cells, noise, d, own.gain * exposures[e] * exposure + dark);
+        sums->mean[e] += times * m.mean;
+        sums->variance[e] += times * m.variance;
     }
 }
 
@@ -100,8 +94,10 @@ DEVICE void add_noisy_images(Sums *sums, Design d, REAL *seen, int images,
    that of image n, at n / K + m. From image to image it moves by `between` steps of the table; the footprint
    begins at `start` images. Numbered from the first edge that cuts it, images are others for every pixel,
    and their mean is the same. Where light ends edges are fewer than `lead` images ahead, and those
-   before the footprint are lit. */
-DEVICE void look_up(REAL *seen, Design d, Tables tables, int c, int end, int images) {
+   before the footprint are lit. Where no edge cuts it, it sees nothing but light or none: such images are
+   counted, whatever pixels beside it see. Those that are left stand in front, their number is returned, and
+   -1 where a pixel has it counted. */
+DEVICE int look_up(REAL *seen, Sums *sums, Design d, Tables tables, int c, int end, int images) {
     size_t at = get_global_id(0) * WIDTH;
     COUNTER pixel = LOAD_COUNTERS(tables.of, at);
     REAL per_mm = d.periods_per_mm * d.distinct_shifts;
@@ -119,22 +115,33 @@ DEVICE void look_up(REAL *seen, Design d, Tables tables, int c, int end, int ima
     for (int n = c; n < end; n++) {
         seen[n - c] = n < images - lead ? 0.0f : 1.0f;
     }
-    add_edges(seen, c, end, images, edges, 0, tables.nodes, 1.0f);
-    add_edges(seen, c, end, images, ends, images - lead, tables.nodes, -1.0f);
+    ulong cut = add_edges(seen, c, end, images, edges, 0, tables.nodes, 1.0f)
+                | add_edges(seen, c, end, images, ends, images - lead, tables.nodes, -1.0f);
     REAL full = GATHER(tables.whole, pixel);
+    REAL none = 0.0f, one = 1.0f;
+    int left = 0;
     for (int n = 0; n < end - c; n++) {
-        seen[n] = exposure_of(d, max(seen[n], 0.0f), full, 1);
+        MASK lit = seen[n] == 1.0f, dark = seen[n] == 0.0f;
+        sums->lit += (lit ? one : none);
+        sums->dark += (dark ? one : none);
+        if (cut >> n & 1) {
+            REAL exposure = exposure_of(d, max(seen[n], 0.0f), full, 1);
+            seen[left] = (lit || dark ? -one : exposure);
+            left++;
+        }
     }
+    return left;
 }
 
 /* The same from sub-rays. */
-DEVICE void add_up(REAL *seen, Design d, Pixels px, int c, int end) {
+DEVICE int add_up(REAL *seen, Design d, Pixels px, int c, int end) {
     for (int first = c; first < end; first += CHUNK) {
         Signals signals = signals_from(d, px, first);
         for (int j = 0; j < CHUNK; j++) {
             seen[first - c + j] = signals.value[j];
         }
     }
+    return end - c;
 }
 
 /* A work-item's pixels, as tables or, with sub-rays, as a light map of `plane` places; `number` is their place
@@ -165,23 +172,32 @@ DEVICE Sums sums_of_images(SEEN) {
     if (d.noise != 0.0f) {
         sums.normal = normal_of(d, column, row);
     }
+    REAL none = 0.0f, one = 1.0f;
     for (int e = 0; e < count; e++) {
-        sums.mean[e] = 0.0f;
-        sums.variance[e] = 0.0f;
+        sums.mean[e] = none;
+        sums.variance[e] = none;
+    }
+    sums.lit = none;
+    sums.dark = none;
+#define ADD(exposure, times)                                                                  \
+    if (d.noise == 0.0f) {                                                                        \
+        add_image(&sums, exposure, times, exposures, count);                                  \
+    } else {                                                                                      \
+        add_noisy_image(&sums, d, exposure, times, exposures, count, own, cells);             \
     }
     for (int c = 0; c < images; c += IMAGES) {
         int end = c + IMAGES < images ? c + IMAGES : images;
         REAL seen[IMAGES];
-        if (sub_rays == 0) {
-            look_up(seen, d, tables, c, end, images);
-        } else {
-            add_up(seen, d, px, c, end);
+        int left = sub_rays == 0 ? look_up(seen, &sums, d, tables, c, end, images)
+                                 : add_up(seen, d, px, c, end);
+        for (int n = 0; n < left; n++) {
+            ADD(max(seen[n], none), (seen[n] < 0.0f ? none : one))
         }
-        if (d.noise == 0.0f) {
-            add_images(&sums, d, seen, end - c, exposures, count);
-        } else {
-            add_noisy_images(&sums, d, seen, end - c, exposures, count, own, cells);
-        }
+    }
+    if (sub_rays == 0) {
+        REAL full = GATHER(whole, LOAD_COUNTERS(of, at));
+        ADD(exposure_of(d, one, full, 1), sums.lit)
+        ADD(exposure_of(d, none, full, 1), sums.dark)
     }
     return sums;
 }

@@ -96,6 +96,19 @@ def test_geometry_is_traced_once_for_each_part(station, opencl):
     assert bench.parts.traced == 6
 
 
+@pytest.mark.parametrize("surface", ["orientation", "height"])
+def test_what_is_kept_of_a_part_is_what_a_bench_of_its_own_finds(refined, opencl, surface):
+    """Zones and lists that a crown or a camera leaves where they are, and those that they move."""
+    varied = {"part.crown_radius_x_mm": "350,900", "camera.height_mm": "600,800"}
+    station = refined.replace(part__surface=surface)
+    plan = Plan.of(station, varied, samples=300, parts=2)
+    together = Bench(plan, opencl).rows(range(plan.designs), sampled=True).to_pylist()
+    assert len({str(row["p2"]) for row in together}) == plan.designs
+    for design, row in enumerate(together):
+        (alone,) = Bench(plan, opencl).rows([design], sampled=True).to_pylist()
+        assert row == alone or str(row) == str(alone)  # NaN is as said
+
+
 def test_every_part_has_noise_of_its_own(opencl):
     """That of the station it stands for, and no other part's: the same dent, another noise."""
     noisy = Station.from_dict({**STATION, "populations": []}).replace(

@@ -65,7 +65,12 @@ class Placed:
     near: NDArray[np.int64]
 
     @classmethod
-    def of(cls, station: Station, defects: tuple[Defect, ...] | None = None) -> Placed:
+    def of(
+        cls,
+        station: Station,
+        defects: tuple[Defect, ...] | None = None,
+        truth: Callable[[Relief], Truth] | None = None,
+    ) -> Placed:
         """Find the zones of a station's defects.
 
         Parameters
@@ -73,10 +78,12 @@ class Placed:
         station : Station
         defects : tuple of Defect, optional
             Its populations placed; None: they are not yet.
+        truth : callable, optional
+            Returns the zones of its relief; None: they are worked out.
         """
         relief = Relief.of(station, placed=defects)
-        truth = Truth.of(station, relief)
-        return cls(relief, truth, near(station, relief, truth.labels))
+        zones = truth(relief) if truth else Truth.of(station, relief)
+        return cls(relief, zones, near(station, relief, zones.labels))
 
     @cached_property
     def zones(self) -> Zones:
@@ -141,6 +148,7 @@ class Parts:
         self.stopped = Event()
         self._drawn: OrderedDict[tuple[str, int], tuple[Defect, ...]] = OrderedDict()
         self._placed: OrderedDict[tuple[str, int], Placed] = OrderedDict()
+        self._truths: OrderedDict[tuple[str, int], Truth] = OrderedDict()
         self._screens: OrderedDict[tuple[str, int], Screen] = OrderedDict()
         self._flawless: OrderedDict[str, Flawless] = OrderedDict()
         self._geometry = ""
@@ -253,8 +261,21 @@ class Parts:
         key = _seen_key(station), number
         return _kept(
             self._placed, key,
-            lambda: Placed.of(with_part(station, number), self._defects(station, number)),
+            lambda: Placed.of(
+                with_part(station, number), self._defects(station, number),
+                lambda relief: self._zones(station, number, relief),
+            ),
         )  # fmt: skip
+
+    def _zones(self, station: Station, number: int, relief: Relief) -> Truth:
+        """Return the zones, which no camera moves whose pixels see the same points."""
+        key = _seen_key(station)
+        if station.part.surface == "orientation" and not station.posed:
+            sees = f"{station.shape} {station.camera.sampling_mm} "
+            key = sees + _seen_key(station, ("camera",))
+        return _kept(
+            self._truths, (key, number), lambda: Truth.of(with_part(station, number), relief)
+        )
 
     def _defects(self, station: Station, number: int) -> tuple[Defect, ...]:
         """Return a part's defects, which no change of its shape or of the camera moves."""
@@ -394,17 +415,17 @@ def _key(station: Station, without: tuple[str, ...]) -> str:
     return json.dumps(data)
 
 
-def _seen_key(station: Station) -> str:
+def _seen_key(station: Station, without: tuple[str, ...] = ()) -> str:
     """Return what decides which point of the part a pixel sees, and what is there, as text.
 
-    The crown does not where rays meet the part at z = 0.
+    The crown does not where rays meet the part at z = 0; of a part of `without` it is not said.
     """
     part = station.part
     if part.surface == "orientation":
         flat = dict.fromkeys(("crown_radius_x_mm", "crown_radius_y_mm", "sphere_radius_mm"))
         part = part.model_copy(update=flat)
     station = station.model_copy(update={"part": part})
-    return _key(station, ("tunnel", "sensor", "sequence"))
+    return _key(station, ("tunnel", "sensor", "sequence", *without))
 
 
 def geometry(station: Station) -> str:
