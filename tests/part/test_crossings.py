@@ -85,8 +85,9 @@ def test_pixels_of_a_bend_have_a_crease_on_its_inner_side():
     found, p = told(station, relief), station.camera.sampling_mm
     x, y = places(station)
     # On the line of symmetry both pieces are as near, below the end that they share by their sides.
-    middle = np.abs(x) < p / 2
-    assert (found[middle & (y < 0.3) & (y > -1)] == CREASE).all()
+    middle = np.abs(x) < 0.6 * p
+    assert middle.any(axis=0).sum() == 2
+    assert (found[middle & (y < 0.3) & (y > 0.1)] == CREASE).all()
     assert (found[middle & (y > 0.6) & (y < 2)] == OTHER).all()
     assert not (found[np.abs(x) > 4 * p] == CREASE).any()
     off, along, _ = aside(station, *bent["points_mm"][:2])
@@ -134,19 +135,35 @@ def test_a_part_that_rays_may_meet_twice_has_none():
     assert (told(station, relief) == OTHER).all()
 
 
-@pytest.mark.parametrize("apart", [0.9, 3.0])
-def test_between_two_scratches_both_reach_none_is_alone(apart):
-    station, relief = scene(line(-apart / 2), line(apart / 2))
+def test_between_two_scratches_both_reach_none_is_alone():
+    other = [[-4.0, -0.5], [4.0, -1.5]]  # comes nearer from right to left
+    station, relief = scene(line(0.0), {**SCRATCH, "points_mm": other})
     found, p = every(station, relief), station.camera.sampling_mm
     reach = faint_from(relief.grooves, station).max()
-    _, y = places(station)
-    off = np.abs(np.abs(y) - apart / 2)
-    other = np.abs(y) + apart / 2
-    both = other < reach + 0.5 * p
-    assert not found[both & (off < reach)].any()
-    clear = (other > reach + 0.8 * p) & (off < reach)
-    assert found[clear & (np.abs(places(station)[0]) < 3)].all()
-    assert both.any() == (apart < 1) or clear.any()
+    x, y = places(station)
+    off, _, _ = aside(station, *other)
+    own = (np.abs(y) < 0.3) & (np.abs(x) < 3.5)
+    assert not found[own & (off < reach + 0.6 * p)].any()
+    assert found[own & (off > reach + 0.8 * p)].all()
+    assert np.count_nonzero(own & (np.abs(off - reach) < 0.6 * p)) > 10
+
+
+def test_beside_a_bend_a_pixel_that_another_defect_reaches_has_no_crease():
+    bent = {**SCRATCH, "points_mm": [[-4.0, -1.3], [0.0, 0.4], [4.0, -1.3]]}
+    station, relief = scene(bent, {**DENT, "x_mm": 0.25, "y_mm": -0.2})
+    x, y = places(station)
+    # Its feet are on both pieces, one of which is 2 pixels nearer.
+    near = np.hypot(x - 0.25, y + 0.2) < 0.1
+    assert (told(station, relief)[near] == OTHER).all()
+
+
+def test_pixels_of_the_part_s_edge_are_not():
+    station, relief = scene(line(1.4), part__width_mm=3.0)
+    found, p = every(station, relief), station.camera.sampling_mm
+    x, y = places(station)
+    inside = np.abs(x) < 3
+    assert not found[inside & (y > 1.5 - 0.7 * p)].any()
+    assert found[inside & (y < 1.5 - 0.8 * p) & (y > 1.2)].all()
 
 
 def test_two_sides_of_one_scratch_that_look_at_each_other_have_a_crease_between():
