@@ -150,7 +150,7 @@ def test_between_two_scratches_both_reach_none_is_alone():
 
 def test_beside_a_bend_a_pixel_that_another_defect_reaches_has_no_crease():
     bent = {**SCRATCH, "points_mm": [[-4.0, -1.3], [0.0, 0.4], [4.0, -1.3]]}
-    station, relief = scene(bent, {**DENT, "x_mm": 0.25, "y_mm": -0.2})
+    station, relief = scene(bent, {**DENT, "x_mm": 1.2, "y_mm": -0.2, "diameter_mm": 1.2})
     x, y = places(station)
     # Its feet are on both pieces, one of which is 2 pixels nearer.
     near = np.hypot(x - 0.25, y + 0.2) < 0.1
