@@ -25,6 +25,7 @@ SCRATCH = {
     "kind": "scratch", "points_mm": [[-0.7, -0.2], [0.1, 0.2], [0.6, 0.2]], "width_mm": 0.2,
     "depth_um": 2.0,
 }  # fmt: skip
+STRAIGHT = {**SCRATCH, "points_mm": [[-0.7, 0.0], [0.7, 0.3]]}
 CHIP = {"kind": "chip", "side": "top", "at_mm": 0.2, "width_mm": 0.7, "depth_mm": 0.3}
 
 
@@ -35,9 +36,11 @@ class Counting(OpenCLBackend):
         super().__init__()
         self.settle({"widths": {}})
         self.ran: set[str] = set()
+        self.files: set[str] = set()
 
     def start(self, file: str, name: str, *arguments: object, **places: object) -> None:
         self.ran.add(name)
+        self.files.add(file)
         super().start(file, name, *arguments, **places)
 
 
@@ -52,12 +55,16 @@ def scenes() -> Iterator[tuple[Station, Relief]]:
         }
     )
     seen = {"camera__columns": 19, "camera__rows": 13}  # more than the part: pixels beside it
-    few = {"camera__subsampling": "auto", "camera__columns": 5, "camera__rows": 4}  # of 64 sub-rays
+    # Of up to 64 sub-rays, or in slices.
+    few = {"camera__subsampling": "auto", "camera__columns": 5, "camera__rows": 4,
+           "camera__pupil_mm": 0.0, "defects": (DENT,)}  # fmt: skip
+    sliced = {**few, "defects": (STRAIGHT,)}
     for changes in (
         seen,
         {"defects": (), **seen},
         {"edges": (CHIP,), **seen},
         {"camera__columns": 1, "camera__rows": 1},
+        {"part__pose": {"tilt_y_deg": 2.0}, "camera__columns": 3, "camera__rows": 2},
         {
             "part__surface": "height", "part__crown_radius_x_mm": 30.0, "tunnel__section": "arch",
             "tunnel__radius_mm": 150.0, "sensor__noise": True, "sensor__prnu": 0.01,
@@ -67,7 +74,7 @@ def scenes() -> Iterator[tuple[Station, Relief]]:
             "camera__subsampling": 2, "tunnel__section": "box", "tunnel__width_mm": 80.0,
             "part__material": "iron", "sequence__fusion": "std", **seen,
         },
-        few,
+        sliced,
         {"tunnel__profile": "sinusoid", "tunnel__profile_gamma": 2.2, **seen},
     ):  # fmt: skip
         station = base.replace(**changes)
@@ -130,6 +137,7 @@ def main(what: str = "all", *fault: str) -> None:
     device.memory_bytes = 3000  # some rows a tile
     for station, relief in every[::3] if what == "all" else ():
         run(device, station, relief)
+    assert what != "all" or {"sliced.cl", "posed.cl"} <= device.files
     print(*sorted(device.ran))
 
 

@@ -356,15 +356,17 @@ class Screen:
             arrays = base.read()
             lost = arrays.lost
             finer = refinable.places(arrays)
-        counter = base.counter(zones, sample)
-        if finer:
+        counter: LevelCounter
+        if not finer:
+            counter = base.counter(zones, sample)
+        else:
             parts = [
                 self._traced(station, backend, cut, self.listing.pixels[own])
                 for cut, own in finer.items()
             ]
             lists, places = base.together(parts), np.concatenate(list(finer.values()))
-            lost.flat[places] = lists.each(lambda part: part.lost())
             counter = RefinedCounter(base, lists, places, None, zones, sample, self.listing.roles)
+            lost.flat[places] = lists.each(lambda part: part.lost())  # waits for the device
         losses = self.listing.losses(lost) if first else None
         notes = () if losses is None else tuple(of_losses(station, losses))
         drawn = sample if len(sample.chosen) else None
