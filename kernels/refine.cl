@@ -61,7 +61,9 @@ DEVICE REAL changes(__global const float *light, __global const float *wide, int
 
 /* Sub-rays on each side: the least whose second differences are within the bound. */
 DEVICE REAL sides_for(REAL change, REAL bound) {
-    REAL found = 8.0f;
+    REAL most = 8.0f;
+    REAL at_loss = AT_LOSS;
+    REAL found = (change > 0.5f * BLIND_WIDTH ? at_loss : most);
     for (int n = 4; n >= 1; n /= 2) {
         REAL side = FLOAT(n);
         found = (change <= bound * FLOAT(n * n) ? side : found);

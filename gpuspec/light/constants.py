@@ -61,6 +61,9 @@ BLIND_WIDTH_MM = 1e6
 """What stands for a footprint's width where light is lost when pixels are told to be refined: so
 much more than any that all of an edge of loss are, as finely as can be."""
 
+AT_LOSS = 9
+"""In place of 8 sub-rays on a side, where a pixel needs them for an edge of loss beside it."""
+
 NO_PIXEL = 0xFFFFFFFF
 """In a list of pixels: none."""
 
@@ -86,6 +89,7 @@ DEFINES = {
     "CELLS_FINE": f"{CELLS_FINE}.0f",
     "CELLS_COARSE": f"{CELLS_COARSE}.0f",
     "CELLS_OFFSET": f"{CELLS_OFFSET}.0f",
+    "AT_LOSS": f"{AT_LOSS}.0f",
     "BLIND_WIDTH": f"{BLIND_WIDTH_MM}f",
     "NO_PIXEL": f"{NO_PIXEL}u",
     "STRIP_VECTORS": f"{STRIP_VECTORS}",

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.arrays import Image, Mask
+from gpuspec.arrays import Image
 from gpuspec.light.float64_noise import Moments
 from gpuspec.light.levels import LevelCounter, Levels, Pixels, Sample, Zones
 from gpuspec.light.light_map import LightMap, LightMapArrays, in_closed_form
 from gpuspec.light.lists import Lists
 from gpuspec.light.patterns import Pattern
 from gpuspec.light.refined_levels import RefinedCounter
-from gpuspec.light.refinement import Neighbourhood, at_loss, bend_of, by_cut
+from gpuspec.light.refinement import Neighbourhood, bend_of, by_cut
 from gpuspec.part.crossings import crossings
 from gpuspec.part.grooves import by_block
 from gpuspec.part.relief import Relief
@@ -74,7 +74,7 @@ class RefinedLightMap(LightMap):
 
     def _cuts(self, relief: Relief) -> dict[int, Pixels]:
         """Return the places of the pixels that are refined, by how they are cut."""
-        station, edges = self.station, np.zeros(0, np.bool_)
+        station = self.station
         if self.pixels is None:
             sides = self.base.sides_needed().ravel()
             own = numbers = _not_one(sides)
@@ -85,19 +85,12 @@ class RefinedLightMap(LightMap):
             arrays = self._coarse(around.pixels.astype(np.uint32)).read()
             light, wide = arrays.light_mm[0, 0], arrays.wide_mm[0, 0]
             sides = around.sides_needed(light, wide, bend_of(station.camera))[which]
-            edges = around.at_loss(arrays.lost[0])[which]
             own = _not_one(sides)
             numbers = self.pixels[own]
         order = by_block(numbers, station.shape)
         own, numbers = own[order], numbers[order]
 
-        def at_edges(some: NDArray[np.int64]) -> Mask:
-            if self.pixels is None:
-                return at_loss(self.base.lost(), own[some])
-            found: Mask = edges[own[some]]
-            return found
-
-        found = by_cut(sides[own], lambda some: crossings(station, relief, numbers[some]), at_edges)
+        found = by_cut(sides[own], lambda some: crossings(station, relief, numbers[some]))
         return {cut: own[some] for cut, some in found.items()}
 
     @property

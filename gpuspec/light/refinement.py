@@ -26,8 +26,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.arrays import Mask
-from gpuspec.light.constants import BLIND_WIDTH_MM
+from gpuspec.light.constants import AT_LOSS, BLIND_WIDTH_MM
 from gpuspec.part.crossings import CREASE, GROOVE
 from gpuspec.part.guard import widened
 from gpuspec.part.spans import pixels_of
@@ -90,7 +89,7 @@ def sides_needed(
     Returns
     -------
     ndarray of uint8, shape (M, N)
-        1, or one of ``SIDES``.
+        1, or one of ``SIDES``; ``AT_LOSS`` where the most are for an edge of loss.
 
     Examples
     --------
@@ -159,46 +158,6 @@ class Neighbourhood:
         change = _changes(near[0], near[1], *self._inner).ravel()
         return _sides(change[self._spread].max(axis=(0, 1), initial=0), wide[self._own], bend)
 
-    def at_loss(self, lost: NDArray[np.uint8]) -> Mask:
-        """Return which of the n pixels are at an edge of loss, see :func:`at_loss`.
-
-        Parameters
-        ----------
-        lost : ndarray of uint8, shape (k,)
-            Why `pixels` see no light.
-        """
-        if not lost.any():
-            return np.zeros(len(self._own), np.bool_)
-        return _differ(lost[self._near[:, :, self._spread[1, 1]]])
-
-
-def at_loss(lost: NDArray[np.uint8], pixels: NDArray[np.integer]) -> Mask:
-    """Return which pixels are at an edge of loss: of the 3 x 3 around some see light, some none.
-
-    An edge need not run along a groove, so that slices would not tell on which side they are.
-
-    Parameters
-    ----------
-    lost : ndarray of uint8, shape (M, N)
-        Why each pixel of the image sees no light.
-    pixels : ndarray of int, shape (n,)
-        Flat indices into it.
-    """
-    if not len(pixels) or not lost.any():
-        return np.zeros(len(pixels), np.bool_)
-    row, column = np.divmod(pixels.astype(np.int64), lost.shape[1])
-    steps = np.arange(-1, 2)
-    rows = np.clip(row + steps[:, None, None], 0, lost.shape[0] - 1)
-    columns = np.clip(column + steps[:, None], 0, lost.shape[1] - 1)
-    return _differ(lost[rows, columns])
-
-
-def _differ(lost: NDArray[np.uint8]) -> Mask:
-    """Return where, of codes of shape (3, 3, n), some are of loss and some not."""
-    dark = lost != 0
-    found: Mask = dark.any(axis=(0, 1)) & ~dark.all(axis=(0, 1))
-    return found
-
 
 def _told_apart(light: NDArray[np.float32], wide: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return widths, or where light is lost one that no neighbour has."""
@@ -264,26 +223,23 @@ def name_of(cut: int) -> str:
 def by_cut(
     sides: NDArray[np.uint8],
     crossings: Callable[[Ints], NDArray[np.uint8]],
-    at_loss: Callable[[Ints], Mask],
 ) -> dict[int, Ints]:
     """Return the numbers of the pixels that are refined, by how they are cut.
 
     Parameters
     ----------
     sides : ndarray of uint8, shape (n,)
-        Sub-rays that each needs on a side.
+        Sub-rays that each needs on a side, see :func:`sides_needed`.
     crossings : callable
         Returns what crosses some, given by their numbers: see :mod:`gpuspec.part.crossings`.
-    at_loss : callable
-        Returns which of some are at an edge of loss.
     """
     cuts = sides.astype(np.int8)
     finest = np.flatnonzero(sides == SIDES[-1])
     across = crossings(finest)
-    grooved = finest[across == GROOVE]
-    if len(grooved):
-        cuts[grooved[~at_loss(grooved)]] = -SLICES
+    cuts[finest[across == GROOVE]] = -SLICES
     cuts[finest[across == CREASE]] = CREASED
+    # An edge of loss need not run along a groove: slices would not tell on which side they are.
+    cuts[sides == AT_LOSS] = SIDES[-1]
     places = {cut: np.flatnonzero(cuts == cut) for cut in CUTS}
     return {cut: own for cut, own in places.items() if len(own)}
 
@@ -293,6 +249,7 @@ def _sides(
 ) -> NDArray[np.uint8]:
     """Return the least number of sub-rays on a side that leaves a bend below the bound."""
     found = np.full(change.shape, SIDES[-1], np.uint8)
+    found[change > 0.5 * BLIND_WIDTH_MM] = AT_LOSS
     bound = np.float32(bend) * np.minimum(wide, np.float32(WIDTH_MM))
     for side in (*SIDES[-2::-1], 1):
         found[change <= bound * np.float32(side**2)] = side

@@ -11,11 +11,13 @@ from device import Device
 from laws import FIELDS, REFLECTION, SURFACE, Array, Draws, close, holds, sagitta, stacked, struct
 from numpy.typing import NDArray
 from scenes import check_station, members
+from scipy.ndimage import maximum_filter, minimum_filter
 from test_relief_on_devices import NO_GROOVE, NO_MAP, relief_headers
 
+from gpuspec.light.constants import AT_LOSS
 from gpuspec.light.float64_rays import slices
 from gpuspec.light.refined import with_cut
-from gpuspec.light.refinement import SLICES, Neighbourhood, at_loss
+from gpuspec.light.refinement import SLICES
 from gpuspec.part.crossings import GROOVE, crossings
 from gpuspec.part.relief import Relief
 from gpuspec.station.station import Station
@@ -322,35 +324,18 @@ def test_where_light_is_lost_across_a_groove_pixels_are_squares(device_backend):
         station = scratched(2.0, 0.25, tunnel__length_mm=float(length))
         relief = Relief.of(station)
         light_map = device_backend.trace(station)
-        lost = light_map.base.lost()
+        lost = light_map.base.lost() != 0
         squares, chosen = (
             device_backend.trace(station.replace(camera__subsampling=n)).aspect()
             for n in (8, "auto")
         )
-        near = at_loss(lost, np.arange(lost.size)).reshape(lost.shape)
+        near = maximum_filter(lost, 3) & ~minimum_filter(lost, 3)
         across = crossings(station, relief, np.arange(lost.size)).reshape(lost.shape)
         both = near & (across == GROOVE)
         assert both.any()
+        assert (light_map.base.sides_needed()[near] == AT_LOSS).all()
         wrong.append(np.abs(chosen - squares)[both].max())
         some = np.flatnonzero(both)[:40].astype(np.uint32)
         listed = device_backend.trace(station, relief, some).aspect()[0]
         assert np.abs(listed - chosen.flat[some]).max() < tolerances.SAME_IMAGES_DN
     assert max(wrong) < tolerances.FOOTPRINT_MAX_DN
-
-
-def test_a_pixel_is_at_an_edge_of_loss_where_one_of_its_neighbours_is_lost():
-    lost = np.zeros((6, 7), np.uint8)
-    lost[2, 3] = 4
-    lost[:, 6] = 2
-    lost[5, :2] = 1
-    expected = [
-        [(lost[max(r - 1, 0) : r + 2, max(c - 1, 0) : c + 2] == 0).any()
-         and (lost[max(r - 1, 0) : r + 2, max(c - 1, 0) : c + 2] != 0).any() for c in range(7)]
-        for r in range(6)
-    ]  # fmt: skip
-    every = np.arange(lost.size)
-    assert np.array_equal(at_loss(lost, every).reshape(lost.shape), expected)
-    assert not at_loss(np.zeros_like(lost), every).any()
-    own = every[::3]
-    around = Neighbourhood(own, lost.shape)
-    assert np.array_equal(around.at_loss(lost.flat[around.pixels]), np.ravel(expected)[own])

@@ -71,11 +71,10 @@ class Refinable:
             Of the list, one footprint per pixel.
         """
         light, wide = (plane[0, 0, self.known] for plane in (arrays.light_mm, arrays.wide_mm))
-        edges = self.around.at_loss(arrays.lost[0, self.known])
         order = self.order
         found = by_cut(
             self.around.sides_needed(light, wide, self.bend)[order],
-            lambda some: self.crossings.at(order[some]), lambda some: edges[order[some]],
+            lambda some: self.crossings.at(order[some]),
         )  # fmt: skip
         return {cut: self.own[order[some]].astype(np.uint32) for cut, some in found.items()}
 
