@@ -89,7 +89,6 @@ class RefinedLightMap(LightMap):
             numbers = self.pixels[own]
         order = by_block(numbers, station.shape)
         own, numbers = own[order], numbers[order]
-
         found = by_cut(sides[own], lambda some: crossings(station, relief, numbers[some]))
         return {cut: own[some] for cut, some in found.items()}
 
