@@ -35,6 +35,15 @@ def directions(d: Draws) -> tuple[Array, Array]:
     return np.float32(np.cos(angle)), np.float32(np.sin(angle))
 
 
+def of_every_slice(inputs: dict[str, Array]) -> dict[str, Array]:
+    """Inputs for each slice in turn, its number with them."""
+    groups = len(next(iter(inputs.values())))
+    repeated = {
+        name: np.tile(values, (COUNT, *[1] * (values.ndim - 1))) for name, values in inputs.items()
+    }
+    return {**repeated, "float index": np.repeat(np.arange(COUNT, dtype=float), groups)}
+
+
 def chord(nx: Array, ny: Array, place: Array) -> tuple[Array, Array, Array]:
     """Middle and length of n.(x, y) = place within a unit square, clipped side by side."""
     low, high = np.full(nx.shape, -9.0), np.full(nx.shape, 9.0)
@@ -68,14 +77,13 @@ def test_a_chord_goes_through_the_pixel_from_side_to_side(device: Device) -> Non
 def test_slices_share_out_the_pixel_its_middle_and_its_variance(device: Device) -> None:
     d = Draws(302, groups=60)
     nx, ny = directions(d)
-    inputs = {"REAL nx": nx, "REAL ny": ny}
     outputs = [f"s.{name}" for name in ("x", "y", "across_x", "across_y", "along_x", "along_y",
                                         "share")]  # fmt: skip
-    every = []
-    for index in range(COUNT):
-        code = f"Slice s = slice_of(nx, ny, {index}, {COUNT});"
-        every.append(stacked(device.call(HEADERS, code, inputs, outputs)))
-    got = np.stack(every, axis=1)
+    code = f"Slice s = slice_of(nx, ny, INT(index), {COUNT});"
+    got = stacked(
+        device.call(HEADERS, code, of_every_slice({"REAL nx": nx, "REAL ny": ny}), outputs)
+    )
+    got = got.reshape(len(outputs), COUNT, *nx.shape)
     x, y, across_x, across_y, along_x, along_y, share = got
     close(share.sum(axis=0), COUNT, 1e-4)
     for total, expected in (
@@ -272,15 +280,18 @@ def test_a_slice_s_ray_goes_through_its_middle(device: Device) -> None:
     column, row = np.floor(d.pixel(0, 400)), np.floor(d.pixel(0, 300))
     inputs = {"REAL column": column, "REAL row": row, "REAL nx": nx, "REAL ny": ny,
               "Geometry g": g}  # fmt: skip
+    code = """Lists lists; lists.maps = 0; lists.blocks = 0; Course groove; groove.x = ny;
+        groove.y = -nx; groove.square = 0.0f * nx;
+        Sight v = slice_ray(g, lists, 0, 0, column, row, groove, INT(index));"""
+    outputs = ("v.light", "v.wide", "v.narrow", "v.irradiance")
     headers = (SLICED, *relief_headers(NO_GROOVE, NO_MAP))
-    for index, (x, _, sides, part) in enumerate(slices((nx, ny), COUNT)):
-        code = f"""Lists lists; lists.maps = 0; lists.blocks = 0; Course groove; groove.x = ny;
-            groove.y = -nx; groove.square = 0.0f * nx;
-            Sight v = slice_ray(g, lists, 0, 0, column, row, groove, {index});"""
-        outputs = ("v.light", "v.wide", "v.narrow", "v.irradiance")
-        light, wide, narrow, irradiance = stacked(device.call(headers, code, inputs, outputs))
+    got = stacked(device.call(headers, code, of_every_slice(inputs), outputs))
+    got = got.reshape(len(outputs), COUNT, *nx.shape)
+    moves = 1 + 200 / 800  # flat under a ceiling: l = x0 (1 + H/h)
+    for (x, _, sides, part), (light, wide, narrow, irradiance) in zip(
+        slices((nx, ny), COUNT), got.swapaxes(0, 1), strict=True
+    ):
         there = part > 1e-3
-        moves = 1 + 200 / 800  # flat under a ceiling: l = x0 (1 + H/h)
         close(light[there], (((column - 200 + 0.5 + x) * 0.25) * moves)[there], 2e-4)
         close(irradiance[there], part[there], 1e-4)
         widths = np.sort([np.abs(side[0]) * 0.25 * moves for side in sides], axis=0)
