@@ -11,7 +11,7 @@
 #include "scan.h"
 #include "noise.h"
 
-/* Images of a pixel that are added up together, a whole number of CHUNKs. */
+/* Images of a pixel that are added up together, a whole number of CHUNKs: as many as a ulong has bits. */
 #define IMAGES 64
 
 /* Tables side by side, and where those of a work-item's pixels are. */

@@ -439,8 +439,7 @@ DEVICE Sight sight_from(Geometry g, Surface s, REAL x0, REAL y0, REAL z, float x
     REAL irradiance = irradiance_of(g, c, m);
 #ifdef SLICED
     irradiance *= c.slice.share;
-#endif
-#ifndef SLICED
+#else
     if (g.lean != 0.0f) {
         light.x -= g.lean / c.share * (x * slope.turn_x + y * slope.turn_y);
     }

@@ -12,7 +12,7 @@ from gpuspec.arrays import Image
 from gpuspec.light.backend import Backend, DeviceInfo, chosen
 from gpuspec.light.diffuse import diffuse_share
 from gpuspec.light.float64 import Array, Part, grey_level
-from gpuspec.light.float64_rays import sliced, squared
+from gpuspec.light.float64_rays import sub_rays
 from gpuspec.light.float64_stripes import lit_fraction, mean_over_scan
 from gpuspec.light.levels import Pixels
 from gpuspec.light.light_map import FUSIONS, PLANES, LightMap, LightMapArrays, check_list
@@ -50,7 +50,6 @@ class NumpyLightMap(LightMap):
         part = Part(station, relief)
         arrays = [np.empty((rays, rows, columns)) for _ in range(PLANES)]
         lost = np.empty((rays, rows, columns), np.uint8)
-        sub_rays = sliced if station.camera.sliced else squared
         for band in self._bands():
             row, column = self._places(band)
             for i, paths in enumerate(sub_rays(part, station, relief, column, row)):

@@ -26,20 +26,30 @@ def _centres(
     return (column + 0.5 - columns / 2) * p, (rows / 2 - row - 0.5) * p
 
 
-def squared(
+def sub_rays(
     part: Part, station: Station, relief: Relief, column: NDArray[Any], row: NDArray[Any]
 ) -> Iterator[Paths]:
-    """Yield each of the n x n sub-rays of pixels, row by row within the pixel.
+    """Yield each sub-ray of pixels: of squares row by row within the pixel, or of slices.
 
     Parameters
     ----------
     part : Part
     station : Station
+        Its camera says how pixels are cut.
     relief : Relief
         Of that station.
     column, row : ndarray
-        Of the pixels, of shapes that broadcast.
+        Of the pixels, of shapes that broadcast; of slices of one.
     """
+    if station.camera.sliced:
+        along = courses(station, relief, row.ravel(), column.ravel()).reshape(2, *row.shape)
+        return _sliced(part, station, column, row, along)
+    return _squared(part, station, column, row)
+
+
+def _squared(
+    part: Part, station: Station, column: NDArray[Any], row: NDArray[Any]
+) -> Iterator[Paths]:
     n, p = station.camera.side, station.camera.sampling_mm
     x, y = _centres(station, column, row)
     first, third = station.camera.spread
@@ -53,23 +63,11 @@ def squared(
         yield follow(part, station, x + apart[0], y + apart[1], apart)
 
 
-def sliced(
-    part: Part, station: Station, relief: Relief, column: NDArray[Any], row: NDArray[Any]
+def _sliced(
+    part: Part, station: Station, column: NDArray[Any], row: NDArray[Any], along: Array
 ) -> Iterator[Paths]:
-    """Yield the sub-ray of each slice of pixels that a groove crosses.
-
-    Parameters
-    ----------
-    part : Part
-    station : Station
-    relief : Relief
-        Of that station.
-    column, row : ndarray
-        Of the pixels, of one shape.
-    """
     p = station.camera.sampling_mm
     x, y = _centres(station, column, row)
-    along = courses(station, relief, row.ravel(), column.ravel()).reshape(2, *row.shape)
     for dx, dy, sides, share in slices((-along[1], along[0]), station.camera.side):
         across, down = ((p * side[0], p * side[1]) for side in sides)
         paths = follow(part, station, x + p * dx, y + p * dy, sides=(across, down))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.arrays import Mask
-from gpuspec.part.grooves import BLOCK
+from gpuspec.part.grooves import block_of
 from gpuspec.part.guard import faint_from
 from gpuspec.part.marches import march_of
 from gpuspec.part.relief import Relief
@@ -59,7 +59,7 @@ class Near:
         row, column : ndarray of int64, shape (n,)
         """
         begin, pieces = relief.blocks(station)
-        block = row // BLOCK * -(-station.shape[1] // BLOCK) + column // BLOCK
+        block = block_of(row, column, station.shape)
         first, end = begin[block].astype(np.int64), begin[block + 1].astype(np.int64)
         if not len(relief.edges):
             return cls(first, end - first, np.zeros(len(first), np.bool_))
@@ -88,8 +88,8 @@ class Pairs:
         How far along it the pixel is from its beginning, mm.
     beside : ndarray of float64, shape (n,)
         How far to its left, mm.
-    distance : ndarray of float64, shape (n,)
-        From the piece, mm.
+    length, distance : ndarray of float64, shape (n,)
+        Of the piece, and from it, mm.
     nearest : ndarray of int64, shape (pixels,)
         Of each pixel the pair of the nearest piece, the first of these.
     """
@@ -100,26 +100,24 @@ class Pairs:
     course: Floats
     along: Floats
     beside: Floats
+    length: Floats
     distance: Floats
     nearest: Ints
 
     @classmethod
-    def of(
-        cls, relief: Relief, listed: NDArray[np.int32], x: Floats, y: Floats, near: Near
-    ) -> Pairs:
+    def of(cls, station: Station, relief: Relief, near: Near, x: Floats, y: Floats) -> Pairs:
         """Measure them.
 
         Parameters
         ----------
+        station : Station
         relief : Relief
-        listed : ndarray of int32
-            The pieces of :meth:`Relief.blocks`.
-        x, y : ndarray of float64, shape (pixels,)
-            Where the pixels' centres meet the part's shape, mm.
         near : Near
             Of these pixels, each with a groove at least.
+        x, y : ndarray of float64, shape (pixels,)
+            Where the pixels' centres meet the part's shape, mm.
         """
-        count = near.count
+        count, (_, listed) = near.count, relief.blocks(station)
         begin = np.cumsum(count) - count
         piece = listed[np.arange(count.sum()) + np.repeat(near.first - begin, count)]
         start_x, start_y, end_x, end_y = relief.grooves.ends.T
@@ -132,12 +130,14 @@ class Pairs:
         )
         dx, dy = np.repeat(x, count) - start_x[piece], np.repeat(y, count) - start_y[piece]
         along, beside = dx * ux + dy * uy, ux * dy - uy * dx
-        past = along - np.minimum(np.maximum(along, 0), length[piece])
+        length = length[piece]
+        past = along - np.minimum(np.maximum(along, 0), length)
         distance = np.sqrt(past * past + beside * beside)
         least = np.repeat(np.minimum.reduceat(distance, begin), count)
         least = np.flatnonzero(distance == least)
         nearest = least[np.searchsorted(least, begin)]
-        return cls(piece, begin, count, np.stack([ux, uy]), along, beside, distance, nearest)
+        course = np.stack([ux, uy])
+        return cls(piece, begin, count, course, along, beside, length, distance, nearest)
 
     def of_nearest(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return, for each pair, what its pixel's nearest piece has."""
@@ -178,7 +178,7 @@ def crossings(station: Station, relief: Relief, pixels: NDArray[np.integer]) -> 
     ends = np.flatnonzero(np.diff(np.cumsum(near.count[told]) // _PAIRS_AT_ONCE)) + 1
     for some in np.split(told, ends) if len(told) else ():
         x, y = surface_points(station, column[some], row[some])
-        pairs = Pairs.of(relief, relief.blocks(station)[1], x, y, near.only(some))
+        pairs = Pairs.of(station, relief, near.only(some), x, y)
         found[some] = _told(pairs, station, relief)
         inward = np.minimum(part.length_mm / 2 - np.abs(x), part.width_mm / 2 - np.abs(y))
         found[some[inward <= _CORNER * camera.sampling_mm]] = OTHER
@@ -210,7 +210,7 @@ def courses(station: Station, relief: Relief, row: Ints, column: Ints) -> Floats
     told = np.flatnonzero(near.count > 0)
     if len(told):
         x, y = surface_points(station, column[told], row[told])
-        pairs = Pairs.of(relief, relief.blocks(station)[1], x, y, near.only(told))
+        pairs = Pairs.of(station, relief, near.only(told), x, y)
         found[:, told] = pairs.course[:, pairs.nearest]
     return found
 
@@ -220,7 +220,6 @@ def _told(pairs: Pairs, station: Station, relief: Relief) -> NDArray[np.uint8]:
     p, grooves = station.camera.sampling_mm, relief.grooves
     corner = _CORNER * p
     owner = grooves.owner[pairs.piece]
-    length = np.hypot(*(grooves.ends[:, 2:] - grooves.ends[:, :2]).T)[pairs.piece]
     reach = faint_from(grooves, station)[pairs.piece]
     itself = np.zeros(len(owner), np.bool_)
     itself[pairs.nearest] = True
@@ -229,13 +228,13 @@ def _told(pairs: Pairs, station: Station, relief: Relief) -> NDArray[np.uint8]:
     matters = pairs.distance < reach + _AROUND * p
     # One that does not end here; others of the same defect are nowhere in the pixel as near, other
     # defects faint there.
-    endless = (pairs.along > corner) & (pairs.along < length - corner)
+    endless = (pairs.along > corner) & (pairs.along < pairs.length - corner)
     away = np.where(own, gap > 2 * corner, pairs.distance > reach + corner)
     groove = pairs.all(np.where(itself, endless & matters, away))
     # Two sides that meet here: of pieces at an angle, or of such that look at each other. On the
     # outer side of a bend both are as near by the end that they share.
     meet = own & matters & (gap <= 2 * corner)
-    meet &= (pairs.along > -corner) & (pairs.along < length + corner)
+    meet &= (pairs.along > -corner) & (pairs.along < pairs.length + corner)
     (ux, uy), (vx, vy) = pairs.course, pairs.of_nearest(pairs.course)
     beside = pairs.of_nearest(pairs.beside)
     facing = (ux * vx + uy * vy) * pairs.beside * beside < 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -183,11 +184,21 @@ def by_block(pixels: NDArray[np.integer], shape: tuple[int, int]) -> NDArray[np.
     shape : tuple of int
         Rows and columns of the image.
     """
-    across = -(-shape[1] // BLOCK)
-    row, column = np.divmod(pixels, shape[1])
-    block = row // BLOCK * across + column // BLOCK
-    few = across * -(-shape[0] // BLOCK) <= 1 << 16  # of 16 bits, they are sorted by their digits
+    block = block_of(*np.divmod(pixels, shape[1]), shape)
+    few = block_of(*shape, shape) < 1 << 16  # of 16 bits, they are sorted by their digits
     return np.argsort(block.astype(np.uint16 if few else np.uint32), kind="stable")
+
+
+def block_of(row: Any, column: Any, shape: tuple[int, int]) -> Any:
+    """Return the number of the block of each pixel, blocks row by row.
+
+    Parameters
+    ----------
+    row, column : ndarray of int
+    shape : tuple of int
+        Rows and columns of the image.
+    """
+    return row // BLOCK * -(-shape[1] // BLOCK) + column // BLOCK
 
 
 def _posed(

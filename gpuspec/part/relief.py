@@ -17,6 +17,7 @@ from gpuspec.station.defects import Defect
 from gpuspec.station.station import Station
 
 Blocks = tuple[NDArray[np.int32], NDArray[np.int32]]
+"""What :func:`gpuspec.part.grooves.blocks` returns."""
 
 
 @dataclass(frozen=True)

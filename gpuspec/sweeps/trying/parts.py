@@ -66,24 +66,21 @@ class Placed:
 
     @classmethod
     def of(
-        cls,
-        station: Station,
-        defects: tuple[Defect, ...] | None = None,
-        truth: Callable[[Relief], Truth] | None = None,
+        cls, station: Station, relief: Relief | None = None, truth: Truth | None = None
     ) -> Placed:
         """Find the zones of a station's defects.
 
         Parameters
         ----------
         station : Station
-        defects : tuple of Defect, optional
-            Its populations placed; None: they are not yet.
-        truth : callable, optional
-            Returns the zones of its relief; None: they are worked out.
+        relief : Relief, optional
+            Of that station; None: it is not resolved yet.
+        truth : Truth, optional
+            Likewise of its zones.
         """
-        relief = Relief.of(station, placed=defects)
-        zones = truth(relief) if truth else Truth.of(station, relief)
-        return cls(relief, zones, near(station, relief, zones.labels))
+        relief = relief or Relief.of(station)
+        truth = truth or Truth.of(station, relief)
+        return cls(relief, truth, near(station, relief, truth.labels))
 
     @cached_property
     def zones(self) -> Zones:
@@ -258,24 +255,21 @@ class Parts:
 
     def _place(self, station: Station, number: int) -> Placed:
         """Return relief and zones, which no change of the tunnel moves."""
-        key = _seen_key(station), number
-        return _kept(
-            self._placed, key,
-            lambda: Placed.of(
-                with_part(station, number), self._defects(station, number),
-                lambda relief: self._zones(station, number, relief),
-            ),
-        )  # fmt: skip
+
+        def placed() -> Placed:
+            own = with_part(station, number)
+            relief = Relief.of(own, placed=self._defects(station, number))
+            return Placed.of(own, relief, self._zones(own, number, relief))
+
+        return _kept(self._placed, (_seen_key(station), number), placed)
 
     def _zones(self, station: Station, number: int, relief: Relief) -> Truth:
-        """Return the zones, which no camera moves whose pixels see the same points."""
+        """Return the zones of a part, which no camera moves whose pixels see the same points."""
         key = _seen_key(station)
         if station.part.surface == "orientation" and not station.posed:
             sees = f"{station.shape} {station.camera.sampling_mm} "
             key = sees + _seen_key(station, ("camera",))
-        return _kept(
-            self._truths, (key, number), lambda: Truth.of(with_part(station, number), relief)
-        )
+        return _kept(self._truths, (key, number), lambda: Truth.of(station, relief))
 
     def _defects(self, station: Station, number: int) -> tuple[Defect, ...]:
         """Return a part's defects, which no change of its shape or of the camera moves."""
