@@ -23,6 +23,21 @@ DEVICE int block_of(int column, int row, int columns) {
     return (row / BLOCK) * (last / BLOCK + 1) + (column < last ? column : last) / BLOCK;
 }
 
+/* From where a record begins to a place, mm. */
+STRUCT(Away) {
+    REAL x;
+    REAL y;
+};
+
+DEVICE Away away_from(Place at, Groove record, float sampling) {
+    Away away;
+    away.x = offset_mm(at.column, at.sub_x, record.column, record.column_fraction, sampling)
+             + at.shift_x;
+    away.y = at.shift_y
+             - offset_mm(at.row, at.sub_y, record.row, record.row_fraction, sampling);
+    return away;
+}
+
 /* Sum of the grooves that reach the block; pieces of one defect stand together and the nearest
    counts. */
 DEVICE Surface grooves_at(Surface s, Lists lists, int first, int last, Place at, float sampling) {
@@ -31,11 +46,8 @@ DEVICE Surface grooves_at(Surface s, Lists lists, int first, int last, Place at,
     float defect = -1.0f;
     for (int i = first; i < last; i++) {
         Groove piece = GROOVE(lists, PIECE(lists, i));
-        REAL dx = offset_mm(at.column, at.sub_x, piece.column, piece.column_fraction, sampling)
-                  + at.shift_x;
-        REAL dy = at.shift_y
-                  - offset_mm(at.row, at.sub_y, piece.row, piece.row_fraction, sampling);
-        Nearest point = nearest_point(dx, dy, piece);
+        Away away = away_from(at, piece, sampling);
+        Nearest point = nearest_point(away.x, away.y, piece);
         if (piece.defect == defect) {
             nearest = nearer(nearest, point);
         } else {
@@ -63,11 +75,9 @@ DEVICE REAL outline_at(Lists lists, int first, int last, Place at, float samplin
         if (edge.outline == 0.0f) {
             break;
         }
-        REAL dx = offset_mm(at.column, at.sub_x, edge.column, edge.column_fraction, sampling)
-                  + at.shift_x;
-        REAL dy = at.shift_y - offset_mm(at.row, at.sub_y, edge.row, edge.row_fraction, sampling);
+        Away away = away_from(at, edge, sampling);
         REAL says = edge.outline;
-        said = in_ellipse(dx, dy, edge) ? says : said;
+        said = in_ellipse(away.x, away.y, edge) ? says : said;
     }
     return said;
 }
@@ -323,11 +333,8 @@ STRUCT(Course) {
 DEVICE Course nearest_course(Course c, Lists lists, int first, int last, Place at, float sampling) {
     for (int i = first; i < last; i++) {
         Groove piece = GROOVE(lists, PIECE(lists, i));
-        REAL dx = offset_mm(at.column, at.sub_x, piece.column, piece.column_fraction, sampling)
-                  + at.shift_x;
-        REAL dy = at.shift_y
-                  - offset_mm(at.row, at.sub_y, piece.row, piece.row_fraction, sampling);
-        Nearest point = nearest_point(dx, dy, piece);
+        Away away = away_from(at, piece, sampling);
+        Nearest point = nearest_point(away.x, away.y, piece);
         MASK nearer = point.square < c.square;
         c.square = nearer ? point.square : c.square;
         c.x = nearer ? piece.inverse_length * piece.along_x : c.x;

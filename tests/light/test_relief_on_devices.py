@@ -73,6 +73,24 @@ def test_a_block_is_counted_row_by_row_and_padding_is_of_the_last(device: Device
     np.testing.assert_array_equal(got, np.broadcast_to(expected, got.shape))
 
 
+@holds("away_from", wrong=("away.y = at.shift_y", "away.y = -at.shift_y"))
+def test_a_place_is_as_far_from_a_record_as_its_pixels_and_its_shift_say(device: Device) -> None:
+    d = Draws(310)
+    rows = struct(
+        "Groove", 1, column=9000.0, row=70.0, column_fraction=0.625, row_fraction=0.125, defect=0.0
+    )
+    column, row = np.floor(9000 + d.pixel(-9, 9)), np.floor(70 + d.pixel(-9, 9))
+    shift_x, shift_y = d.pixel(-0.1, 0.1), d.pixel(-0.1, 0.1)
+    inputs = {"REAL column": column, "REAL row": row, "REAL shift_x": shift_x,
+              "REAL shift_y": shift_y}  # fmt: skip
+    code = PLACE + "Away away = away_from(place, groove_at(0), 0.125f);"
+    headers = relief_headers(rows, NO_MAP)
+    got = stacked(device.call(headers, code, inputs, ("away.x", "away.y")))
+    east = (column + 0.25 - 9000.625) * 0.125 + shift_x
+    north = shift_y - (row + 0.75 - 70.125) * 0.125
+    close(got, np.stack([east, north]), 1e-6)
+
+
 @holds("grooves_at", wrong=("if (piece.defect == defect) {", "if (false) {"))
 def test_grooves_of_different_defects_add_and_of_one_the_nearest_piece_counts(
     device: Device,
