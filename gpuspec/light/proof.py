@@ -13,16 +13,22 @@ import os
 import subprocess
 import sys
 import tempfile
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from gpuspec.arrays import Image
 from gpuspec.cache import folder
 from gpuspec.errors import BackendError, DeviceError
 from gpuspec.light.backend import Backend, Settings
 from gpuspec.light.sources import digest
 from gpuspec.version import __version__
+
+if TYPE_CHECKING:
+    from gpuspec.station.station import Station
 
 SECONDS = 120.0
 """Longest a device may take: on a slow machine PoCL builds for some ten seconds."""
@@ -143,17 +149,25 @@ def difference(backend: Backend) -> float:
     DeviceError
         If that is too far, or no image, or the device loses other pixels than the reference.
     """
+    station, aspect, lost = _reference()
+    here = backend.trace(station)
+    apart = float(np.abs(here.aspect() - aspect).max())
+    if not apart <= LARGEST_DN:
+        raise DeviceError(f"its image of a small station is {apart:.3g} DN off float64.")
+    if (here.lost() != lost).any():
+        raise DeviceError("it loses other pixels of a small station than float64.")
+    return apart
+
+
+@cache
+def _reference() -> tuple[Station, Image, NDArray[np.uint8]]:
+    """Return the small station, and what float64 sees of it: for every device the same."""
     from gpuspec.light.float64_backend import NumpyBackend
     from gpuspec.station.station import Station
 
     station = Station.from_dict(STATION)
-    here, there = (engine.trace(station) for engine in (backend, NumpyBackend()))
-    apart = float(np.abs(here.aspect() - there.aspect()).max())
-    if not apart <= LARGEST_DN:
-        raise DeviceError(f"its image of a small station is {apart:.3g} DN off float64.")
-    if (here.lost() != there.lost()).any():
-        raise DeviceError("it loses other pixels of a small station than float64.")
-    return apart
+    there = NumpyBackend().trace(station)
+    return station, there.aspect(), there.lost()
 
 
 def remembered(backend: Backend) -> Settings | None:

@@ -507,8 +507,8 @@ def test_the_fastest_settings_are_taken_kernel_by_kernel():
 
 @pytest.fixture
 def small(monkeypatch):
-    """A test of devices on a fiftieth of the pixels, in this process: in seconds."""
-    monkeypatch.setitem(speed.STATION, "camera", {"columns": 400, "rows": 200, "subsampling": 1})
+    """A test of devices on few of the pixels, in this process: in seconds."""
+    monkeypatch.setitem(speed.STATION, "camera", {"columns": 256, "rows": 64, "subsampling": 1})
 
     def ask(what: str, backend: Any, settings: Any) -> dict[str, Any]:
         engine = devices.opened(backend.info.backend, str(backend.number))
