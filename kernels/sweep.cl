@@ -9,6 +9,9 @@
 #include "fetch.h"
 #include "noise.h"
 
+/* The normal number of what is no pixel: it has level 0 under every design. */
+#define NOT_DRAWN -1e30f
+
 /* Of pixels with noise: their normal numbers, for a draw, their gain and their dark signal. */
 #define NOISE(access)                                                                         \
     __global access float *normal, __global access float *gain, __global access float *dark,   \
@@ -36,7 +39,9 @@ DEVICE REAL grey_of(Design d, Noise noise, Cells cells, Ray ray, __global const 
         t = sensed_alike(t, d);
     }
     Moments m = noisy_mean_over_scan(t, d, noise, cells);
-    return one_draw(m, LOAD(normal, at), d.full_scale);
+    REAL drawn = LOAD(normal, at);
+    REAL nothing = 0.0f;
+    return drawn == NOT_DRAWN ? nothing : one_draw(m, drawn, d.full_scale);
 }
 
 /* Its level. */
@@ -169,7 +174,7 @@ __kernel void gather_pixels(__global float *plane, __global const float *of,
 }
 
 /* Normal numbers of pixels, by their number in an image of so many columns: for one draw, and with
-   `pattern` those of gain and dark signal. What is no pixel is drawn darker than all. */
+   `pattern` those of gain and dark signal. What is no pixel is not drawn. */
 __kernel void pixel_normals(__global float *normal, __global float *gain, __global float *dark,
                             __global const uint *pixels, uint columns,
                             __global const Design *design, int pattern) {
@@ -178,7 +183,7 @@ __kernel void pixel_normals(__global float *normal, __global float *gain, __glob
     COUNTER pixel = LOAD_COUNTERS(pixels, at);
     COUNTER row = pixel / columns;
     COUNTER column = pixel - row * columns;
-    REAL nothing = -1e30f;
+    REAL nothing = NOT_DRAWN;
     STORE(pixel == NO_PIXEL ? nothing : normal_of(d, column, row), normal, at);
     if (pattern) {
         Normals own = fixed_pattern(d, column, row);

@@ -28,6 +28,7 @@ from gpuspec.simulation.simulate import Traced, trace
 from gpuspec.station.station import Station
 from gpuspec.sweeps.trying.curves import Curves
 from gpuspec.sweeps.trying.flawless import Flawless, surveyed
+from gpuspec.sweeps.trying.listing import WHOLE
 from gpuspec.sweeps.trying.parts import Placed, Screen, TracedPart
 from gpuspec.sweeps.trying.screening import Bounds
 
@@ -221,6 +222,23 @@ def test_no_level_leaves_the_counters(engine):
         assert found.inside.sum() == counter._inside[0].count
         assert ((found.peaks >= 0) & (found.peaks < LEVELS)).all()
     assert found.inside[0, 0] == counter._inside[0].count
+
+
+@pytest.mark.parametrize("images", [8, 9, 12])
+def test_what_fills_a_vector_is_no_pixel_of_a_noisy_image(opencl, images):
+    """Without light, dark levels are all alike: their variance may be 0, and they are above 0."""
+    noisy = station(
+        sensor__noise=True, sensor__saturation_e=10_000.0, sensor__read_noise_e=2.0,
+        sensor__black_level_dn=5.0, sequence__images=images, tunnel__luminous_mm=4.0,
+        tunnel__dark_mm=12.0,
+    )  # fmt: skip
+    screen = Screen.of(noisy, Placed.of(noisy), 450, 0)
+    screened = screen.under(noisy, opencl, Flawless(noisy, opencl), first=True)
+    assert screened.sample is not None
+    counted = screened.counter.count([noisy])
+    assert len(screened.sample.chosen) % WHOLE
+    assert counted.sampled[0, 1:].sum() == len(screened.sample.chosen)
+    assert counted.inside[0, 1:].sum() == screened.zones.sizes.sum()
 
 
 def test_a_mean_a_last_bit_above_full_scale_has_the_highest_level():
