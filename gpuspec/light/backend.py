@@ -97,6 +97,11 @@ class Backend(ABC):
         """
         raise BackendError(f"{self.info} does not trace a light map again; trace the station.")
 
+    @property
+    def held_bytes(self) -> int:
+        """What its light maps take of the device's memory now; 0 where that is not known."""
+        return 0
+
     screens = False
     """Whether its counters take lists of pixels in place of whole images."""
 

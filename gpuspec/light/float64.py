@@ -358,14 +358,13 @@ def follow(
     radius = camera.pupil_mm * path / viewing / 2
     spread = 2 * station.part.roughness_rad * path
     light = point + path * ray
-    spotted = camera.blur_mm > 0 or camera.focus_mm is not None
-    if part.free or spotted:
+    if part.free or camera.spotted:
         # How l moves as a mm of the pupil turns the ray about its point.
         still = np.zeros_like(point)
         aside = np.stack([change(still, still, -axis) for axis in met.pupil])
         if part.free:
             radius = camera.pupil_mm / 2 * np.hypot(*aside)
-    if spotted:
+    if camera.spotted:
         by = np.stack([across, down]) / p  # and as it moves by a mm on the camera's z = 0
         if camera.focus_mm is not None:
             off = 1 / met.share - h / camera.focus_mm

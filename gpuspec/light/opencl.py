@@ -83,6 +83,11 @@ class OpenCLBackend(OpenCLDevice, Backend):
         self.settle(self.candidates()[0])
         self.memory_bytes = memory_bytes or self.device.global_mem_size // 2
 
+    @property
+    def held_bytes(self) -> int:
+        """See :attr:`Backend.held_bytes`."""
+        return int(self._pool.active_bytes)
+
     def candidates(self) -> tuple[Settings, ...]:
         """See :meth:`Backend.candidates`: vectors suit a CPU, and single pixels always compile."""
         widths: tuple[int, ...] = (1,)

@@ -292,20 +292,15 @@ class OpenCLCounter:
             yield self._kept
             return
         for tile, rows in self._map.bands():
-            part = _PixelSet(tile.planes, 0, tile.rows * self._map.stride, partial(self._of, rows))
+            part = _PixelSet(
+                tile.planes,
+                0,
+                tile.rows * self._map.stride,
+                partial(_seen_in, self._map, self._zones, rows),
+            )
             if self._map.tiles == 1:
                 self._kept = part
             yield part
-
-    def _of(self, rows: slice) -> Pixels:
-        """Return the flat indices into the image of a tile's pixels; of none beside the part."""
-        valid, columns = self._zones.valid.ravel(), self._map.grid[1]
-        places = np.arange(rows.start, rows.stop)[:, None] * columns + np.arange(columns)
-        seen = places < len(valid)
-        seen[seen] = valid[places[seen]]
-        found = np.full((len(places), self._map.stride), NO_PIXEL, np.uint32)
-        found[:, :columns] = np.where(seen, places, NO_PIXEL)
-        return self._numbers(found.ravel())
 
     def _gathered(self, pixels: Pixels) -> _PixelSet:
         """Return pixels, by flat index, side by side; those that lie so are left where they are."""
@@ -314,10 +309,8 @@ class OpenCLCounter:
         if self._lie_together(pixels, count):
             tile, _ = next(self._map.bands())
             first = int(pixels[0])
-            return _PixelSet(
-                tile.planes, first, count,
-                lambda: self._numbers(np.arange(first + count, dtype=np.uint32)),
-            )  # fmt: skip
+            places = np.arange(first + count, dtype=np.uint32)
+            return _PixelSet(tile.planes, first, count, partial(_numbers, self._map, places))
         pixels = np.pad(pixels, (0, count - len(pixels)), constant_values=NO_PIXEL)
         planes = tuple(b.empty(max(4 * len(pixels), 4)) for _ in range(PLANES))
         for tile, rows in self._map.bands() if len(pixels) else ():
@@ -330,14 +323,7 @@ class OpenCLCounter:
                     "sweep.cl", "gather_pixels", (len(pixels),), plane, of, chosen,
                     np.int32(rows.start == 0), np.float32(blank),
                 )  # fmt: skip
-        return _PixelSet(planes, 0, len(pixels), partial(self._numbers, pixels))
-
-    def _numbers(self, places: Pixels) -> Pixels:
-        """Return the flat indices into the image of places in the light map: it may be a list."""
-        listed = self._map.pixels
-        if listed is None:
-            return places
-        return np.append(listed, np.uint32(NO_PIXEL))[np.minimum(places, len(listed))]
+        return _PixelSet(planes, 0, len(pixels), partial(_numbers, self._map, pixels))
 
     def _lie_together(self, pixels: Pixels, count: int) -> bool:
         """Return whether pixels of a list are neighbours, filled up to whole vectors."""
@@ -350,6 +336,29 @@ class OpenCLCounter:
         return bool(
             together and (np.diff(pixels.view(np.int32)) == 1).all() and (filling == NO_PIXEL).all()
         )
+
+
+# What a set of pixels remembers holds no counter, which holds the set: light maps that nobody wants
+# would stay on the device until Python looks for circles.
+
+
+def _seen_in(light_map: Any, zones: Zones, rows: slice) -> Pixels:
+    """Return the flat indices into the image of a tile's pixels; of none beside the part."""
+    valid, columns = zones.valid.ravel(), light_map.grid[1]
+    places = np.arange(rows.start, rows.stop)[:, None] * columns + np.arange(columns)
+    seen = places < len(valid)
+    seen[seen] = valid[places[seen]]
+    found = np.full((len(places), light_map.stride), NO_PIXEL, np.uint32)
+    found[:, :columns] = np.where(seen, places, NO_PIXEL)
+    return _numbers(light_map, found.ravel())
+
+
+def _numbers(light_map: Any, places: Pixels) -> Pixels:
+    """Return the flat indices into the image of places in a light map: it may be a list."""
+    listed = light_map.pixels
+    if listed is None:
+        return places
+    return np.append(listed, np.uint32(NO_PIXEL))[np.minimum(places, len(listed))]
 
 
 def _shared(sensor: Sensor) -> tuple[Any, ...]:

@@ -12,14 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.arrays import Image
+from gpuspec.light.constants import AT_LOSS, NO_PIXEL
 from gpuspec.light.float64_noise import Moments
 from gpuspec.light.levels import LevelCounter, Levels, Pixels, Sample, Zones
 from gpuspec.light.light_map import LightMap, LightMapArrays, in_closed_form
 from gpuspec.light.lists import Lists
 from gpuspec.light.patterns import Pattern
 from gpuspec.light.refined_levels import RefinedCounter
-from gpuspec.light.refinement import Neighbourhood, bend_of, by_cut
+from gpuspec.light.refinement import ACROSS, Neighbourhood, bend_of, by_cut, with_neighbours
 from gpuspec.part.crossings import crossings
+from gpuspec.part.edges import cut_at_border
 from gpuspec.part.grooves import by_block
 from gpuspec.part.relief import Relief
 from gpuspec.station.station import Station
@@ -58,8 +60,8 @@ class RefinedLightMap(LightMap):
         cuts: Callable[[LightMapArrays], dict[int, Pixels]] | None = None,
     ) -> None:
         self.station, self.pixels = station, pixels
-        self._coarse: Callable[[Pixels], LightMap] = lambda some: traced(
-            with_cut(station, 1), relief, some
+        self._coarse: Callable[..., LightMap] = lambda some, of=station: traced(
+            with_cut(of, 1), relief, some
         )
         self.base = traced(with_cut(station, 1), relief, pixels)
         finer = cuts(self.base.read()) if cuts else self._cuts(relief)
@@ -74,23 +76,32 @@ class RefinedLightMap(LightMap):
 
     def _cuts(self, relief: Relief) -> dict[int, Pixels]:
         """Return the places of the pixels that are refined, by how they are cut."""
-        station = self.station
-        if self.pixels is None:
+        station, listed = self.station, self.pixels
+        border = cut_at_border(relief.edges, station).astype(np.uint32)
+        if listed is None and min(station.shape) >= ACROSS:
             sides = self.base.sides_needed().ravel()
-            own = numbers = _not_one(sides)
         else:
-            # A pixel's neighbours tell what it needs: those of a list are traced with theirs.
-            several, which = np.unique(self.pixels, return_inverse=True)
-            around = Neighbourhood(several.astype(np.int64), station.shape)
-            arrays = self._coarse(around.pixels.astype(np.uint32)).read()
-            light, wide = arrays.light_mm[0, 0], arrays.wide_mm[0, 0]
-            sides = around.sides_needed(light, wide, bend_of(station.camera))[which]
-            own = _not_one(sides)
-            numbers = self.pixels[own]
+            every = np.arange(station.shape[0] * station.shape[1], dtype=np.uint32)
+            sides = self._sides_of(every if listed is None else listed)
+        sides[border if listed is None else np.isin(listed, border)] = AT_LOSS
+        own = _not_one(sides)
+        numbers = own if listed is None else listed[own]
         order = by_block(numbers, station.shape)
         own, numbers = own[order], numbers[order]
         found = by_cut(sides[own], lambda some: crossings(station, relief, numbers[some]))
         return {cut: own[some] for cut, some in found.items()}
+
+    def _sides_of(self, pixels: Pixels) -> NDArray[np.uint8]:
+        """Return how many sub-rays listed pixels need on a side: traced with their neighbours."""
+        there = pixels != NO_PIXEL
+        several, which = np.unique(pixels[there], return_inverse=True)
+        wider, own = with_neighbours(self.station, several.astype(np.int64))
+        around = Neighbourhood(own, wider.shape)
+        arrays = self._coarse(around.pixels.astype(np.uint32), wider).read()
+        light, wide = arrays.light_mm[0, 0], arrays.wide_mm[0, 0]
+        sides = np.ones(len(pixels), np.uint8)
+        sides[there] = around.sides_needed(light, wide, bend_of(wider.camera))[which]
+        return sides
 
     @property
     def refined(self) -> dict[int, int]:
@@ -202,9 +213,10 @@ class RefinedLightMap(LightMap):
     def counter(self, zones: Zones, sample: Sample | None = None) -> LevelCounter:
         """See :meth:`LightMap.counter`."""
         self.held()
-        by_images = type(self.base).counter is LightMap.counter
-        if by_images or self.pixels is not None or not len(self.places):
-            return super().counter(zones, sample) if by_images else self.base.counter(zones, sample)
+        if not len(self.places):
+            return self.base.counter(zones, sample)
+        if type(self.base).counter is LightMap.counter or self.pixels is not None:
+            return super().counter(zones, sample)
         return _ByWay(
             RefinedCounter(self.base, self.lists, self.places, self._coarse, zones, sample),
             super().counter(zones, sample),

@@ -31,6 +31,7 @@ from gpuspec.part.crossings import CREASE, GROOVE
 from gpuspec.part.guard import widened
 from gpuspec.part.spans import pixels_of
 from gpuspec.station.sections import Camera
+from gpuspec.station.station import Station
 
 Ints = NDArray[np.int64]
 
@@ -57,6 +58,9 @@ largest error of a pinhole's view from 5.0 grey levels to 1.7."""
 
 CUTS = (*SIDES, CREASED, -SLICES)
 """How a refined pixel is cut, as `Camera.subsampling` has it: into n x n squares, or -n slices."""
+
+ACROSS = 3
+"""Pixels that differences take: an image of fewer across is seen with neighbours beyond it."""
 
 _BAND = 256  # rows at once, which a processor's cache holds
 
@@ -112,6 +116,26 @@ def sides_needed(
         change = _spread(_changes(near[0], near[1], inner, across))
         found[first:last] = _sides(change[first - above : last - above], wide[first:last], bend)
     return found
+
+
+def with_neighbours(station: Station, pixels: Ints) -> tuple[Station, Ints]:
+    """Return a station whose image has neighbours for pixels, and their flat indices there.
+
+    The station itself where its image has them.
+
+    Parameters
+    ----------
+    station : Station
+    pixels : ndarray of int64, shape (n,)
+        Flat indices into its image.
+    """
+    rows, columns = station.shape
+    if min(rows, columns) >= ACROSS:
+        return station, pixels
+    more = ACROSS - 1  # on each side: a bend may lie between two pixels
+    wider = station.replace(camera__rows=rows + 2 * more, camera__columns=columns + 2 * more)
+    row, column = np.divmod(pixels, columns)
+    return wider, (row + more) * wider.shape[1] + column + more
 
 
 class Neighbourhood:

@@ -164,13 +164,13 @@ def crossings(station: Station, relief: Relief, pixels: NDArray[np.integer]) -> 
     Returns
     -------
     ndarray of uint8, shape (n,)
-        ``OTHER``, ``GROOVE`` or ``CREASE``; ``OTHER`` wherever pixels look at a spot wider than
+        ``OTHER``, ``GROOVE`` or ``CREASE``; ``OTHER`` wherever pixels look at spots wider than
         themselves, rays are followed in steps, or a block has very many grooves.
     """
     found = np.full(len(pixels), OTHER, np.uint8)
     camera, part = station.camera, station.part
-    spotted = camera.spot_side_mm != camera.sampling_mm
-    if spotted or station.posed or part.relief or march_of(station, relief) is not None:
+    stepped = part.relief or march_of(station, relief) is not None
+    if camera.spotted or station.posed or stepped:
         return found
     row, column = np.divmod(pixels.astype(np.int64), station.shape[1])
     near = Near.of(station, relief, row, column)

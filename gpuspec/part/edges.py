@@ -7,6 +7,7 @@ is beside the part, of a chip, or of the part, of a burr.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,19 +122,53 @@ NO_EDGES = Edges((), np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
 """Of a part whose outline is whole."""
 
 
-def straight(station: Station, column: NDArray[np.int64], row: NDArray[np.int64]) -> Mask:
+def straight(station: Station, column: NDArray[Any] | float, row: NDArray[Any] | float) -> Mask:
     """Return which pixels see a part whose edges are straight.
 
     Parameters
     ----------
     station : Station
-    column, row : ndarray of int64
-        Pixels, of shapes that broadcast.
+    column, row : ndarray of int64 or float64
+        Pixels, or places between their centres, of shapes that broadcast.
     """
     x, y = surface_points(station, column, row)
     part = station.part
     inside: Mask = (np.abs(x) <= part.length_mm / 2) & (np.abs(y) <= part.width_mm / 2)
     return inside
+
+
+def cut_at_border(edges: Edges, station: Station) -> NDArray[np.int64]:
+    """Return which pixels of the image's border see past the part's edge beyond the image.
+
+    That an edge cuts a pixel its neighbours tell: one of them is lost. Beyond the image is none.
+
+    Parameters
+    ----------
+    edges : Edges
+    station : Station
+        That they are of.
+
+    Returns
+    -------
+    ndarray of int64
+        Flat indices into the image, ascending, none twice.
+    """
+    rows, columns = station.shape
+    down, across = np.arange(rows), np.arange(columns)
+    reach = station.camera.reach_px
+    sides: list[tuple[Any, Any, float, float]] = [
+        (down, 0, 0, -reach), (down, columns - 1, 0, reach),
+        (0, across, -reach, 0), (rows - 1, across, reach, 0),
+    ]  # fmt: skip
+    found = []
+    for row, column, below, beside in sides:
+        here = straight(station, column, row)
+        cut = here != straight(station, column + beside, row + below)
+        if len(edges):
+            points = surface_points(station, column + beside, row + below)
+            cut |= (edges.outline(*points) != 0) & here
+        found.append((row * columns + column)[cut])
+    return np.unique(np.concatenate(found))
 
 
 def zones(edges: Edges, station: Station) -> NDArray[np.int32]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,15 +17,15 @@ _BETWEEN = 1.05  # what may be larger between the points of that grid
 
 
 def surface_points(
-    station: Station, column: NDArray[np.int64], row: NDArray[np.int64]
+    station: Station, column: NDArray[Any] | float, row: NDArray[Any] | float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return x and y (mm) of the surface behind pixel centres; relief is left out of parallax.
 
     Parameters
     ----------
     station : Station
-    column, row : ndarray of int64
-        Pixels from 0, of shapes that broadcast.
+    column, row : ndarray of int64 or float64
+        Pixels from 0, or places between their centres, of shapes that broadcast.
 
     Returns
     -------

@@ -21,6 +21,9 @@ from gpuspec.station.optics import FOLLOWS, blur_um, sampling_mm, spread
 _SAME = 1e-6
 """Share by which a value may differ from what follows from others: as both are written."""
 
+_OUTERMOST = 0.45
+"""Of a pixel: where the outermost of 8 sub-rays on a side is, and float32's doubt."""
+
 
 class OwnRelief(Topography):
     """A measured topography of the part itself: of all or of a piece that lies on its shape."""
@@ -374,6 +377,11 @@ class Camera(Section):
         return 0.0 if self.focus_mm is None else 1 - self.height_mm / self.focus_mm
 
     @property
+    def spotted(self) -> bool:
+        """Whether pixels look at spots wider than themselves, be it where the part is not flat."""
+        return self.blur_mm > 0 or (self.focus_mm is not None and self.pupil_mm > 0)
+
+    @property
     def spot_side_mm(self) -> float:
         """Side of a square on z = 0 of the variance of where a pixel looks.
 
@@ -395,6 +403,12 @@ class Camera(Section):
         cumulant = -(self.sampling_mm**4) / 120 - disc**4 / 16
         first, third = spread(cumulant / (side**2 / 12) ** 2)
         return side / self.sampling_mm * first - 1, side / self.sampling_mm * third
+
+    @property
+    def reach_px(self) -> float:
+        """How far from a pixel's centre its sub-rays look at most, in pixels; with auto of any."""
+        first, third = self.spread
+        return _OUTERMOST * (1 + first + third * _OUTERMOST**2)
 
     @property
     def lean(self) -> float:

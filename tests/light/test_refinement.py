@@ -7,7 +7,8 @@ import pytest
 from scenes import check_station
 from tolerances import LEFT_AT_ONE_FOOTPRINT_DN, REFINED_MAX_DN, REFINED_RMS_DN
 
-from gpuspec.light.constants import AT_LOSS
+from gpuspec.light.constants import AT_LOSS, NO_PIXEL
+from gpuspec.light.levels import Zones, levels_of
 from gpuspec.light.refinement import SIDES, Neighbourhood, sides_needed
 
 DEFECTS = [
@@ -95,3 +96,60 @@ def test_a_dent_thinner_than_its_pixel_is_refined(opencl):
 def test_a_flat_part_needs_no_sub_rays(opencl):
     needed, _ = needed_on_host(opencl, scene(defects=[]))
     assert np.all(needed == 1)
+
+
+def test_the_part_s_edge_is_seen_where_the_image_ends_with_the_part(opencl):
+    """That it cuts a pixel the neighbours beyond would tell, and of the default image are none."""
+    station = scene(**{
+        "part.length_mm": 6.12, "part.width_mm": 5.32, "camera.columns": 62, "camera.rows": 54,
+    })  # fmt: skip
+    larger = station.replace(camera__columns=66, camera__rows=58)
+    own, beyond = (opencl.trace(s.replace(camera__subsampling="auto")) for s in (station, larger))
+    border = np.ones(station.shape, bool)
+    border[1:-1, 1:-1] = False
+    expected = beyond.aspect()[2:-2, 2:-2]
+    assert np.array_equal(own.aspect()[border], expected[border])
+    one = opencl.trace(station.replace(camera__subsampling=1)).aspect()
+    assert np.abs(one - expected)[border].max() > 2 * REFINED_MAX_DN
+    listed = np.flatnonzero(border).astype(np.uint32)
+    auto = station.replace(camera__subsampling="auto")
+    assert np.array_equal(opencl.trace(auto, pixels=listed).aspect()[0], expected[border])
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("lines", [1, 2])
+def test_an_image_of_few_lines_is_refined_as_those_in_the_middle_of_more(backend, lines, axis):
+    scratch = {"kind": "scratch", "points_mm": [[-4.0, -4.1], [4.0, 4.2]], "width_mm": 0.3,
+               "depth_um": 2.0}  # fmt: skip
+    size = ("camera__rows", "camera__columns")[axis]
+    few, more = (
+        scene(defects=[scratch]).replace(**{"camera__subsampling": "auto", size: count})
+        for count in (lines, lines + 4)
+    )
+    own, middle = (
+        np.moveaxis(backend.trace(station).aspect(), axis, 0)[cut]
+        for station, cut in ((few, np.s_[:]), (more, np.s_[2:-2]))
+    )
+    assert np.array_equal(own[:, 2:-2], middle[:, 2:-2])
+    one = np.moveaxis(backend.trace(few.replace(camera__subsampling=1)).aspect(), axis, 0)
+    assert np.abs(own - one).max() > 3 * REFINED_MAX_DN
+
+
+def test_a_list_with_what_is_no_pixel_is_refined(opencl):
+    station = scene(camera__subsampling="auto")
+    image = opencl.trace(station)
+    pixels = np.sort(np.concatenate([part.pixels for part in image.lists.parts]))
+    listed = np.append(pixels, np.uint32(NO_PIXEL))
+    found = opencl.trace(station, pixels=listed)
+    assert found.refined == image.refined
+    assert np.array_equal(found.aspect()[0, :-1], image.aspect().flat[pixels])
+
+
+def test_levels_of_a_refined_list_are_those_of_its_image(opencl):
+    station = scene(camera__subsampling="auto")
+    pixels = np.arange(0, np.prod(station.shape), 3, dtype=np.uint32)
+    listed = opencl.trace(station, pixels=pixels)
+    zones = Zones.none(listed.shape)
+    found = listed.counter(zones).count([station])
+    expected = levels_of(listed.aspect(), zones, station.sensor.full_scale_dn)
+    assert np.array_equal(found.outside, expected.outside)

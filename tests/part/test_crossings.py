@@ -103,7 +103,7 @@ def test_a_gentle_bend_has_no_crease():
 @pytest.mark.parametrize(
     "changes",
     [
-        {"camera__blur_mm": 0.05}, {"camera__focus_mm": 400.0},
+        {"camera__blur_mm": 0.05}, {"camera__focus_mm": 400.0}, {"camera__focus_mm": 800.0},
         {"part__pose": {"tilt_y_deg": 1.0}}, {"defects": [DENT]}, {"defects": []},
     ],
 )  # fmt: skip

@@ -18,6 +18,7 @@ from gpuspec.station.costs import COSTS, costs
 from gpuspec.station.station import Station
 from gpuspec.sweeps.plan import Plan, with_part
 from gpuspec.sweeps.sweep import sweep
+from gpuspec.sweeps.trying.bench import Bench
 from gpuspec.sweeps.trying.found import smallest_found
 from gpuspec.sweeps.trying.noise import Noise
 
@@ -114,6 +115,7 @@ def test_the_smallest_found_is_that_above_which_all_are(defects, flawless):
         {"sensor.bit_depth": 12},
         {"camera.pupil_mm": 0.0},
         {"tunnel.dark_leak": 0.05},
+        {"part.diffuse": 0.5},
         {"sequence.images": 160},
         {"tunnel.luminous_mm": 0.5, "tunnel.dark_mm": 1.5},
         {"tunnel.luminous_mm": 8.0, "tunnel.dark_mm": 20.0, "sequence.images": 400},
@@ -125,6 +127,17 @@ def test_the_noise_is_that_of_the_aspect_image_of_a_noisy_sensor(station, opencl
     found = Noise.traced(noisy, Relief.of(noisy)).of(noisy.replace(sensor__noise=False))
     deviation = opencl.trace(noisy).moments().deviation
     assert found == pytest.approx(np.sqrt((deviation**2).mean()), rel=NOISE_SHARE)
+
+
+def test_a_screened_box_has_the_noise_of_ceiling_and_walls(station, opencl):
+    box = {"tunnel.section": "box", "tunnel.width_mm": 60.0, "part.crown_radius_y_mm": 10.0}
+    plan = Plan.of(station.replace(**box), VARY, samples=256)
+    exact, screened = (
+        np.array(Bench(plan, opencl).rows([0, 13], sampled=sampled)["noise_dn"])
+        for sampled in (False, True)
+    )
+    assert screened == pytest.approx(exact, rel=NOISE_SHARE)
+    assert not np.array_equal(screened, exact)  # by other pixels
 
 
 def test_a_cost_that_the_station_does_not_tell_is_none_and_others_follow():

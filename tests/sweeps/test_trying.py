@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import subprocess
 import sys
 from itertools import combinations, product
@@ -153,6 +154,33 @@ def test_light_maps_are_kept_as_long_as_they_fit_sub_rays_counted(station, openc
     assert parts.traced == 3
     parts.levels([design], sampled=False)
     assert parts.traced == 3 + again
+
+
+@pytest.mark.parametrize("sampled", [False, True])
+def test_what_a_device_holds_of_many_parts_is_bounded(refined, sampled):
+    """Lists of sub-rays and their tables counted, and nothing left for Python to find."""
+    memory, held = 4 << 20, []
+    gc.disable()
+    try:
+        for parts in (1, 12):
+            engine = OpenCLBackend(memory_bytes=memory)
+            plan = Plan.of(refined, {"sensor.exposure": [2.0, 4.0]}, parts=parts, samples=2000)
+            bench = Bench(plan, engine)
+            bench.rows([0, 1], sampled=sampled)
+            held.append(engine.held_bytes)
+    finally:
+        gc.enable()
+    one, many = held
+    assert memory - one < many <= memory + one
+
+
+def test_what_is_drawn_of_an_uneven_part_needs_sub_rays_and_is_counted_whole(refined, opencl):
+    uneven = refined.replace(part__orange_peel={"wavelength_mm": 0.6, "slope_rad": 0.002})
+    vary = {"sensor.exposure": [2.0, 4.0]}
+    plan = Plan.of(uneven, vary, samples=2000)
+    assert Bench(plan, opencl).rows([0, 1], sampled=True)["exact"].to_pylist() == [True, True]
+    plain = Plan.of(uneven.replace(camera__subsampling=1), vary, samples=2000)
+    assert Bench(plain, opencl).rows([0, 1], sampled=True)["exact"].to_pylist() == [False, False]
 
 
 def test_the_plan_tells_the_memory_of_every_sub_ray(station):

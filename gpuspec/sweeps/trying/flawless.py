@@ -16,7 +16,7 @@ from gpuspec.part.guard import faint_curvature
 from gpuspec.part.relief import Relief
 from gpuspec.station.station import Station
 from gpuspec.sweeps.trying.listing import seeing
-from gpuspec.sweeps.trying.noise import Noise
+from gpuspec.sweeps.trying.noise import PLACES, Noise
 
 Floats = NDArray[np.float64]
 Bounds = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
@@ -119,8 +119,10 @@ class Flawless:
     def _bounds(self, station: Station, crowd: int) -> Bounds:
         self._bare = self._bare.model_copy(update={"tunnel": station.tunnel})
         tunnel = station.tunnel
+        nodes: Floats
         if tunnel.section != "box":
-            found = [self._regions("", {}, station, crowd)]
+            regions, nodes = self._regions("", {}, station, crowd)
+            found = [regions]
         else:
             # Where rays meet the ceiling: beyond the walls, a wall is what they see. In
             # a region by the edge it may be either.
@@ -129,16 +131,21 @@ class Flawless:
             high, low = _greatest(np.stack([across, -across])) * [[[1]], [[-1]]]
             half = (tunnel.width_mm or 0) / 2
             wall, ceiling = (high > half) | (low < -half), (low <= half) & (high >= -half)
-            found = []
-            for name, change, there in (
-                ("ceiling", {"section": "ceiling"}, ceiling), ("wall", {"height_mm": _FAR_MM}, wall)
-            ):  # fmt: skip
+            found, nodes = [], np.zeros((3, *across.shape))
+            for name, change, there, own in (
+                ("ceiling", {"section": "ceiling"}, ceiling, np.abs(across) <= half),
+                ("wall", {"height_mm": _FAR_MM}, wall, np.abs(across) > half),
+            ):
                 if there.any():
-                    found.append(self._regions(name, change, station, crowd)[:, there])
+                    regions, seen = self._regions(name, change, station, crowd)
+                    found.append(regions[:, there])
+                    nodes[:, own] = seen[:, own]
+        row, column = (np.array([int(size * at) for at in PLACES]) for size in self._shape)
+        self.noise = Noise(*nodes[:, row[:, None], column].reshape(3, -1))
         least, most = -station.tunnel.length_mm / 2, station.tunnel.length_mm / 2
         regions = np.concatenate([part.reshape(len(part), -1) for part in found], axis=1)
-        seen = (regions[3] <= most) & (regions[4] >= least)
-        wide, narrow, irradiance = regions[:3, seen].astype(np.float32)
+        inside = (regions[3] <= most) & (regions[4] >= least)
+        wide, narrow, irradiance = regions[:3, inside].astype(np.float32)
         if not len(wide):
             return _NOTHING
         return wide, narrow, irradiance
@@ -153,8 +160,12 @@ class Flawless:
         self._traced[name] = light_map
         return light_map.read()
 
-    def _regions(self, name: str, change: dict[str, Any], station: Station, crowd: int) -> Floats:
+    def _regions(
+        self, name: str, change: dict[str, Any], station: Station, crowd: int
+    ) -> tuple[Floats, Floats]:
         """Return by region wide, narrow, irradiance, least and greatest light coordinate.
+
+        And of the corners both boxes and the irradiance.
 
         Parameters
         ----------
@@ -183,7 +194,7 @@ class Flawless:
         other += 48 * (station.part.roughness_rad * path) ** 2
         planes = arrays.wide_mm, arrays.narrow_mm, arrays.irradiance, arrays.light_mm
         w1, w2, seen, light = (p[0, 0].reshape(self._shape).astype(np.float64) for p in planes)
-        self.noise = Noise(w1.ravel(), w2.ravel(), seen.ravel())
+        nodes = np.stack([w1, w2, seen])
         square, unlike = w1**2 + w2**2, w1**2 - w2**2
         moves = np.sqrt(np.maximum(square - other, 0) + _ROUNDING * square)
         more = 2 * faint * (2 * moves + faint)  # of both squares of l's changes together, at most
@@ -217,7 +228,7 @@ class Flawless:
         down = _corners(arrays.lost[0].reshape(self._shape) != 0).any(axis=0)
         bright = np.where(down, 1e6, bright)
         past = np.where(down, np.inf, 0)
-        return np.stack([wide, narrow, bright, -top[11] - past, top[10] + past])
+        return np.stack([wide, narrow, bright, -top[11] - past, top[10] + past]), nodes
 
 
 def surveyed(arrays: LightMapArrays, rest: Mask) -> Bounds:

@@ -9,13 +9,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.arrays import BESIDE, Lost
-from gpuspec.light.constants import NO_PIXEL
+from gpuspec.arrays import BESIDE, Lost, Mask
+from gpuspec.light.constants import AT_LOSS, NO_PIXEL
 from gpuspec.light.levels import Pixels, Sample, Zones
 from gpuspec.light.light_map import LightMapArrays
 from gpuspec.light.refined_levels import Roles
-from gpuspec.light.refinement import Neighbourhood, bend_of, by_cut
+from gpuspec.light.refinement import ACROSS, Neighbourhood, bend_of, by_cut
 from gpuspec.part.crossings import Crossings
+from gpuspec.part.edges import cut_at_border
 from gpuspec.part.grooves import Grooves, by_block
 from gpuspec.part.guard import REACH_PX, near
 from gpuspec.part.relief import Relief
@@ -29,12 +30,11 @@ WHOLE = 16
 """Pixels of the widest vector, of which each set in a list is a whole number."""
 
 _EDGE = 1e-3  # of a pixel: nearer to the part's edge, float32 decides which side it is on
-_EDGE_REFINED = 0.45  # and of 8 sub-rays on a side some may see it
 
 
 @dataclass(frozen=True)
 class Refinable:
-    """The pixels of a list that have sub-rays where they need them: those of zones, and those near.
+    """The pixels of a list that have sub-rays where they need them: those of zones, those near.
 
     Attributes
     ----------
@@ -52,6 +52,8 @@ class Refinable:
         See :func:`gpuspec.light.refinement.bend_of`.
     crossings : Crossings
         Of these pixels, in the order of `own`.
+    cut : ndarray of bool
+        Which of them the part's edge cuts at the border of the image.
     """
 
     around: Neighbourhood
@@ -61,6 +63,7 @@ class Refinable:
     end: int
     bend: float
     crossings: Crossings
+    cut: Mask
 
     def places(self, arrays: LightMapArrays) -> dict[int, Pixels]:
         """Return the places of the pixels that are refined, by how they are cut.
@@ -71,11 +74,9 @@ class Refinable:
             Of the list, one footprint per pixel.
         """
         light, wide = (plane[0, 0, self.known] for plane in (arrays.light_mm, arrays.wide_mm))
-        order = self.order
-        found = by_cut(
-            self.around.sides_needed(light, wide, self.bend)[order],
-            lambda some: self.crossings.at(order[some]),
-        )  # fmt: skip
+        order, sides = self.order, self.around.sides_needed(light, wide, self.bend)
+        sides[self.cut] = AT_LOSS
+        found = by_cut(sides[order], lambda some: self.crossings.at(order[some]))
         return {cut: self.own[order[some]].astype(np.uint32) for cut, some in found.items()}
 
 
@@ -216,7 +217,8 @@ def listed(
     inside = inside[np.argsort(owner[inside], kind="stable")]
     sizes = np.bincount(owner[inside], minlength=len(truth.defects) + 1)[1:]
     listing = _in_order(around[inside], sizes, (around[owner == 0], others, chosen), weight)
-    return _refinable(listing, station, relief) if station.camera.subsampling == "auto" else listing
+    told = station.camera.subsampling == "auto" and min(station.shape) >= ACROSS
+    return _refinable(listing, station, relief) if told else listing
 
 
 def _in_order(inside: Ints, sizes: Ints, others: Sequence[Ints], weight: int) -> Listing:
@@ -237,8 +239,12 @@ def _in_order(inside: Ints, sizes: Ints, others: Sequence[Ints], weight: int) ->
 
 
 def _refinable(listing: Listing, station: Station, relief: Relief) -> Listing:
-    """Return the list with the neighbours of zones and what is near them at its end."""
-    own = np.sort(listing.itself).astype(np.int64)
+    """Return the list with the neighbours of zones and what is near them at its end.
+
+    Of an uneven part those drawn have theirs, too.
+    """
+    every = listing.pixels[listing.pixels != NO_PIXEL]
+    own = np.sort(every if station.part.uneven else listing.itself).astype(np.int64)
     places = np.flatnonzero(listing.pixels != NO_PIXEL)[: len(own)]
     places = places[np.argsort(listing.pixels[places])]
     around = Neighbourhood(own, station.shape)
@@ -263,6 +269,7 @@ def _refinable(listing: Listing, station: Station, relief: Relief) -> Listing:
             len(listing.pixels),
             bend_of(station.camera),
             Crossings(station, relief, own),
+            np.isin(own, cut_at_border(relief.edges, station), assume_unique=True),
         ),
     )
 
@@ -334,13 +341,12 @@ class _Ground:
         half = np.array([part.width_mm, part.length_mm]) / 2
         edge = _EDGE
         if station.camera.subsampling == "auto":
-            edge = _EDGE_REFINED
-            first, third = station.camera.spread
-            if first or third:
+            edge = station.camera.reach_px
+            if station.camera.spotted:
                 # Sub-rays are spread over all that a pixel sees, and they are not, as those of a
                 # pixel alone, the very footprint that a bound is made of: whoever has a neighbour
                 # beside the part has them.
-                edge = REACH_PX + edge * (1 + first + third * edge**2)
+                edge += REACH_PX
         doubt = edge * p + 1e-6 * half.max()
         low = high = 1.0
         if part.surface == "height":

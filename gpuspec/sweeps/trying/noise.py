@@ -7,14 +7,17 @@ from typing import Any
 
 import numpy as np
 
+from gpuspec.light.diffuse import diffuse_share
 from gpuspec.light.float64_backend import NumpyLightMap
 from gpuspec.light.float64_noise import Excess, unclipped_variance
 from gpuspec.light.float64_stripes import lit_fraction
 from gpuspec.part.relief import Relief
 from gpuspec.station.station import Station
 
+PLACES = 0.15, 0.4, 0.85
+"""Across the image and along it, where it is looked at."""
+
 _PIXELS = 9
-_PLACES = 0.15, 0.4, 0.85  # across the image and along it, where it is looked at
 _STEPS = 64  # over what an edge of a stripe needs to move in; over a period, where that is less
 
 
@@ -56,7 +59,7 @@ class Noise:
         """
         camera = station.camera.model_copy(update={"subsampling": 1})
         rows, columns = station.shape
-        row, column = (np.array([int(size * at) for at in _PLACES]) for size in (rows, columns))
+        row, column = (np.array([int(size * at) for at in PLACES]) for size in (rows, columns))
         pixels = (row[:, None] * columns + column).ravel().astype(np.uint32)
         one = station.model_copy(update={"camera": camera})
         arrays = NumpyLightMap(one, relief, pixels).read()
@@ -97,7 +100,8 @@ class Noise:
             wide, narrow, irradiance = self._planes
             phase, self._share = _phases(station, wide + narrow)
             lit = lit_fraction(phase, wide, narrow, 0.0, station)
-            self._lit = {tunnel: irradiance * (tunnel.dark_leak + (1 - tunnel.dark_leak) * lit)}
+            least = tunnel.dark_leak + diffuse_share(station)
+            self._lit = {tunnel: irradiance * (least + (1 - tunnel.dark_leak) * lit)}
         return self._lit[tunnel]
 
 

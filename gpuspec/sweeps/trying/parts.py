@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from threading import Event
@@ -20,6 +20,7 @@ from gpuspec.light.levels import LevelCounter, Levels, Pixels, Sample, Zones
 from gpuspec.light.light_map import LIGHT, LightMap, in_closed_form
 from gpuspec.light.refined import with_cut
 from gpuspec.light.refined_levels import RefinedCounter
+from gpuspec.light.refinement import ACROSS
 from gpuspec.part.guard import near
 from gpuspec.part.placement import place
 from gpuspec.part.relief import Relief
@@ -95,8 +96,8 @@ class TracedPart:
 
     Attributes
     ----------
-    counter : LevelCounter
-        On the device, of any design of this geometry.
+    counter : LevelCounter or None
+        On the device, of any design of this geometry; None: it has counted.
     zones : Zones
     sample : Sample or None
     known : tuple of KnownDefect
@@ -107,7 +108,7 @@ class TracedPart:
         Of its flawless surface; likewise.
     """
 
-    counter: LevelCounter
+    counter: LevelCounter | None
     zones: Zones
     sample: Sample | None
     known: tuple[KnownDefect, ...] = ()
@@ -178,8 +179,7 @@ class Parts:
             does not hold.
         """
         sampled = sampled and self.samples > 0 and self.backend.screens
-        # Which pixels of a posed part can be left out is not known: its images are counted whole.
-        sampled = sampled and not any(station.posed for station in stations)
+        sampled = sampled and not any(map(_whole, stations))
         listed = np.array([sampled and in_closed_form(station) for station in stations])
         self._turn_to(stations[0])
         noisy = any(station.sensor.noise for station in stations)
@@ -194,7 +194,7 @@ class Parts:
                 part = self._part(stations[0], number, listed=way)
                 if levels is None:  # a screened part tells of its sample
                     levels = Levels.empty(len(stations), len(part.zones.sizes))
-                    parts.append(part)
+                    parts.append(replace(part, counter=None))  # what the device holds may go
                 self._count(levels, part, own, some, _TOGETHER[sampled])
             assert levels is not None
             found.append(levels)
@@ -205,6 +205,7 @@ class Parts:
         every: NDArray[np.intp], together: int,
     ) -> None:  # fmt: skip
         """Count levels under some of the stations, and write them into their places."""
+        assert part.counter is not None
         for some in np.split(every, range(together, len(every), together)):
             if self.stopped.is_set():
                 raise StoppedError
@@ -230,7 +231,21 @@ class Parts:
         self.traced += 1
         part = (self._screened if listed else self._whole)(station, number)
         self._kept[key] = part
+        self._make_room()
         return part
+
+    def _make_room(self) -> None:
+        """Forget light maps, those not wanted for longest first, while the device holds too much.
+
+        What sub-rays take, and their tables, is known when they are there.
+        """
+        for key in list(self._kept)[:-1]:
+            if self.backend.held_bytes <= self.backend.memory_bytes:
+                return
+            del self._kept[key]
+            for (_, of), screen in self._screens.items():
+                if of == key[0]:
+                    screen.forget()
 
     def _whole(self, station: Station, number: int) -> TracedPart:
         """Trace every pixel of a part."""
@@ -367,6 +382,10 @@ class Screen:
         in_view = self.listing.in_view(lost)
         return TracedPart(counter, in_view, drawn, self.known, notes, noise if first else None)
 
+    def forget(self) -> None:
+        """Let go what was traced last."""
+        self._before.clear()
+
     def _surveyed(self, station: Station, backend: Backend) -> tuple[Bounds, Noise]:
         """Return what bounds the pixels that are not listed, and their noise, from all of them."""
         light_map = backend.traced(with_cut(station, 1), self.relief)
@@ -389,6 +408,16 @@ class Screen:
             light_map = backend.trace_again(before, station, again)
         self._before[cut] = light_map
         return light_map
+
+
+def _whole(station: Station) -> bool:
+    """Whether images are counted whole, for it is not known which pixels can be left out.
+
+    None of a posed part; of one that is uneven any pixel may have sub-rays, and of such no bound is
+    known; a few pixels across are seen with neighbours beyond the image.
+    """
+    refined = station.camera.subsampling != 1
+    return station.posed or (refined and (station.part.uneven or min(station.shape) < ACROSS))
 
 
 def _kept(
