@@ -304,29 +304,43 @@ DEVICE float spot_offset(Geometry g, float t) {
     return t * (g.widening + g.warp * t * t);
 }
 
-/* Footprint where a pixel looks at a spot: a square of side p blurred by a Gaussian b and, off focus, by
-   the pupil. Its sub-rays have the spot's variance, that of a square of side `spot`, each of them turned
-   as the pupil's points that look there are on average, by -lean its distance. What that leaves out
-   of the variance is one's own disc. */
+/* Square of what a pixel sees that looks at a spot: of a square of side p, a lens's Gaussian b, and the
+   pupil's disc. */
+DEVICE REAL spot_square(Geometry g, Gradient d, REAL disc) {
+    return (g.sampling * g.sampling + 12.0f * g.blur * g.blur) * (d.x * d.x + d.y * d.y) + disc;
+}
+
+/* How much sub-rays are turned as the pupil's points that look there are on average, for each mm from the
+   pixel's centre; `square` is that of all a pixel sees. Where the spot's own variance is little beside it, the
+   pupil is nearly all there is to see, and the less a place tells of its point the less it is a
+   sum of turned discs: those are narrower, and have too small a fourth cumulant. */
+DEVICE REAL lean_of(Geometry g, Gradient d, REAL share, REAL square) {
+    REAL own = g.spot * g.spot * (d.x * d.x + d.y * d.y);
+    REAL one = 1.0f;
+    return g.lean / share * (g.least_lean + (one - g.least_lean) * min(own / square, one));
+}
+
+/* Footprint where a pixel looks at a spot. Its sub-rays have the spot's variance, that of a square of side
+   `spot`, each of them turned by -lean its distance. What that leaves out of the variance is one's own
+   disc. */
 DEVICE Footprint spot_footprint(Geometry g, Gradient d, REAL share, REAL disc, REAL gauss) {
-    float p = g.sampling;
-    REAL square = d.x * d.x + d.y * d.y;
     if (g.focus > 0.0f) {
         disc = defocused_square(g, d, share);
     }
-    REAL lens = 12.0f * g.blur * g.blur * square;
+    float p = g.sampling;
     REAL across = p * d.x;
     REAL down = p * d.y;
     if (g.subsampling > 1.0f) {
-        REAL lean = g.lean / share;
+        REAL square = spot_square(g, d, disc);
+        REAL lean = lean_of(g, d, share, square);
         across = g.spot * (d.x - lean * d.turn_x);
         down = g.spot * (d.y - lean * d.turn_y);
         float part = 1.0f / (g.subsampling * g.subsampling);
         REAL x = across * across;
         REAL y = down * down;
-        disc = max(p * p * square + lens + disc - (x + y), 0.0f);
-        return two_boxes(part * x, part * y, disc, gauss);
+        return two_boxes(part * x, part * y, max(square - (x + y), 0.0f), gauss);
     }
+    REAL lens = 12.0f * g.blur * g.blur * (d.x * d.x + d.y * d.y);
     return two_boxes(across * across, down * down, disc, gauss + lens);
 }
 
@@ -441,7 +455,8 @@ DEVICE Sight sight_from(Geometry g, Surface s, REAL x0, REAL y0, REAL z, float x
     irradiance *= c.slice.share;
 #else
     if (g.lean != 0.0f) {
-        light.x -= g.lean / c.share * (x * slope.turn_x + y * slope.turn_y);
+        REAL square = spot_square(g, slope, defocused_square(g, slope, c.share));
+        light.x -= lean_of(g, slope, c.share, square) * (x * slope.turn_x + y * slope.turn_y);
     }
 #endif
     Sight v;

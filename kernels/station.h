@@ -34,6 +34,7 @@ RECORD(Geometry) {
     float widening;            /* by which sub-rays are further than the pixel's from its centre, as a */
     float warp;                /* share of their distance t in pixels, and of its cube */
     float lean;                /* mm of the pupil, on average, for each mm from the pixel's centre */
+    float least_lean;          /* share of it that counts where the part is nearly flat */
     float view_xx;             /* of a posed camera: its axes in the part's frame, xx and yy less 1, */
     float view_xy;             /* x of its y axis, */
     float view_xz;             /* of that which looks back at it; */
@@ -61,7 +62,6 @@ RECORD(Geometry) {
     float march_steps;         /* of a ray that may meet the part again; 0: none may */
     float march_slack;         /* how far below the surface it has met it */
     float highest;             /* point of the part */
-    float unused_2;
 };
 
 /* What never retraces a light map. */

@@ -373,12 +373,14 @@ def follow(
         if camera.side == 1:
             spread = np.hypot(spread, lens)
         else:  # sub-rays lie on a square of the whole spot's variance; a disc is what that lacks
-            along = by + camera.lean * aside
             variance = ((camera.sampling_mm * by) ** 2).sum(axis=0) / 12 + lens**2 + radius**2 / 4
-            whole = camera.spot_side_mm * along
+            own = camera.spot_side_mm**2 * (by**2).sum(axis=0) / 12
+            least = camera.least_lean
+            lean = camera.lean * (least + (1 - least) * np.minimum(own / variance, 1))
+            whole = camera.spot_side_mm * (by + lean * aside)
             across, down = whole / camera.side
             radius = 2 * np.sqrt(np.maximum(variance - (whole**2).sum(axis=0) / 12, 0))
-            light[0] += camera.lean * (apart[0] * aside[0] + apart[1] * aside[1])
+            light[0] += lean * (apart[0] * aside[0] + apart[1] * aside[1])
     wide, narrow = two_boxes(across, down, radius, spread)
     lost = np.zeros(path.shape, np.uint8)
     lost[

@@ -111,6 +111,7 @@ def geometry_block(station: Station, march: March | None = None) -> NDArray[np.f
         widening=camera.spread[0],
         warp=camera.spread[1],
         lean=camera.lean,
+        least_lean=camera.least_lean,
         march_steps=MARCH_STEPS if march else 0,
         march_slack=march.slack_mm if march else 0,
         highest=march.highest_mm if march else 0,

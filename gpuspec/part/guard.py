@@ -87,7 +87,8 @@ def faint_curvature(station: Station) -> float:
     p (1 + s), and a curvature c makes that 2 c t p more. Squared and with the pupil's and the
     roughness' squares, k p^2 s^2, that is a share 2 c h s (1 + s) / ((1 + s)^2 + k s^2) of the
     footprint, for s = 0 to 1. Of a spot wider than a pixel p is its side; off focus the pupil's
-    points that look at a place turn the ray by a lean, which leaves 1 + (1 - lean) s of 1 + s.
+    points that look at a place turn the ray by a lean at most, which leaves 1 + (1 - lean) s of
+    1 + s.
 
     Parameters
     ----------
@@ -95,7 +96,8 @@ def faint_curvature(station: Station) -> float:
         Its camera and roughness are used.
     """
     camera = station.camera
-    p, h, lean = camera.spot_side_mm, camera.height_mm, camera.lean
+    p, h = camera.spot_side_mm, camera.height_mm
+    lean = np.array([[0.0], [camera.lean]])
     alone = 0.75 * camera.pupil_mm**2 * (1 - lean * camera.off_focus)
     wider = alone + 48 * (station.part.roughness_rad * h) ** 2
     share = np.geomspace(1e-6, 1, 400)

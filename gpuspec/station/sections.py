@@ -420,6 +420,15 @@ class Camera(Section):
         return 0.75 * self.off_focus * self.pupil_mm**2 / self.spot_side_mm**2
 
     @property
+    def least_lean(self) -> float:
+        """What share of that counts where the part is nearly flat, see ``lean_of`` in the kernels.
+
+        The square of what a place tells of the pupil's variance: nothing nearly in focus, all far
+        from it.
+        """
+        return (self.lean * self.off_focus) ** 2
+
+    @property
     def cut(self) -> int:
         """How pixels are cut: into n x n squares or, below 0, -n slices along a groove.
 

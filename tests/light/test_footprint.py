@@ -68,7 +68,39 @@ def test_off_focus_the_pupils_edge_says_how_wide_its_disc_is(device: Device) -> 
     close(got, 3 * furthest**2, tolerances.SPOT_LAW, rtol=tolerances.SPOT_DISC)
 
 
-@holds("spot_footprint", wrong=("part * y, disc", "part * x, disc"))
+@holds("spot_square", wrong=("d.y * d.y) + disc", "d.y * d.y)"))
+def test_what_a_spot_sees_is_of_pixel_lens_and_disc(device: Device) -> None:
+    d = Draws(7)
+    inputs = draws(d) | {"REAL disc": d.pixel(0, 4)}
+    code = (
+        GRADIENT
+        + " Geometry g; g.sampling = 0.3f; g.blur = 0.2f; REAL r = spot_square(g, d, disc);"
+    )
+    (got,) = device.call(REFLECTION, code, inputs, ("r",))
+    slope = inputs["REAL x"] ** 2 + inputs["REAL y"] ** 2
+    close(got / 12, (0.3**2 / 12 + 0.2**2) * slope + inputs["REAL disc"] / 12, tolerances.SPOT_LAW)
+
+
+@holds("lean_of", wrong=("one - g.least_lean", "one"))
+def test_a_place_turns_rays_by_all_that_it_tells_where_the_spot_is_all_there_is(
+    device: Device,
+) -> None:
+    """Of little that the spot tells by the least, and by as much more as it tells."""
+    d = Draws(8)
+    inputs = draws(d) | {"REAL square": d.pixel(0.1, 4)}
+    code = (
+        GRADIENT
+        + """ Geometry g; g.spot = 0.6f; g.lean = -3.0f; g.least_lean = 0.2f;
+        REAL r = lean_of(g, d, share, square);"""
+    )
+    (got,) = device.call(REFLECTION, code, inputs, ("r",))
+    told = 0.36 * (inputs["REAL x"] ** 2 + inputs["REAL y"] ** 2) / inputs["REAL square"]
+    assert (told < 0.1).any() and (told > 1).any()
+    share = 0.2 + 0.8 * np.minimum(told, 1)
+    close(got * inputs["REAL share"], -3 * share, tolerances.SPOT_LAW)
+
+
+@holds("spot_footprint", wrong=("part * y, max", "part * x, max"))
 def test_a_spot_has_the_variance_of_pixel_blur_and_disc(device: Device) -> None:
     d = Draws(6)
     inputs = draws(d) | {"REAL disc": d.pixel(0, 4), "REAL gauss": d.pixel(0, 4)}
@@ -76,8 +108,8 @@ def test_a_spot_has_the_variance_of_pixel_blur_and_disc(device: Device) -> None:
         code = (
             GRADIENT
             + f""" Geometry g; g.sampling = 0.3f; g.subsampling = {side}.0f;
-            g.focus = 0.0f; g.blur = 0.2f; g.spot = 0.6f; g.lean = 0.0f; g.pupil = 0.0f;
-            g.camera_height = 500.0f;
+            g.focus = 0.0f; g.blur = 0.2f; g.spot = 0.6f; g.lean = 0.0f; g.least_lean = 0.0f;
+            g.pupil = 0.0f; g.camera_height = 500.0f;
             Footprint w = spot_footprint(g, d, share, disc, gauss);"""
         )
         wide, narrow = stacked(device.call(REFLECTION, code, inputs, WIDTHS))

@@ -41,6 +41,34 @@ def test_an_image_is_near_that_of_many_rays(name: str, sigma: float, depth: floa
     assert np.abs(open_backend("opencl").trace(sharp).aspect() - truth).max() > 25
 
 
+@pytest.mark.parametrize("focus_mm", [790.0, 810.0])
+@pytest.mark.parametrize(("sigma", "depth"), [(0.25, 0.010), (0.1, 0.002), (0.6, 0.010)])
+def test_a_little_off_focus_an_image_is_nearer(sigma: float, depth: float, focus_mm: float) -> None:
+    """A place of the part tells little of the pupil's point: nearly all of it looks there."""
+    station = small(sigma=sigma, depth=depth, camera__focus_mm=focus_mm, camera__pupil_mm=8.0)
+    truth = oracle.aspect_image(oracle_scene(station), rays=1024)
+    found = open_backend("opencl").trace(station).aspect()
+    assert np.sqrt(np.mean((found - truth) ** 2)) < tolerances.SPOT_NEARER_RMS_DN
+
+
+@pytest.mark.parametrize("subsampling", [2, 8])
+@pytest.mark.parametrize(
+    ("height_mm", "focus_mm", "pupil_mm"), [(506, 502, 8), (413, 408.5, 8), (600, 605, 5)]
+)
+def test_of_a_flat_part_sub_rays_see_what_one_footprint_does(
+    height_mm: float, focus_mm: float, pupil_mm: float, subsampling: int
+) -> None:
+    flat = small(
+        defects=[], camera__height_mm=height_mm, camera__focus_mm=focus_mm,
+        camera__pupil_mm=pupil_mm, sequence__images=8,
+    )  # fmt: skip
+    one, many = (
+        open_backend("opencl").trace(flat.replace(camera__subsampling=n)).aspect()
+        for n in (1, subsampling)
+    )
+    assert np.abs(many - one).max() < tolerances.SPOT_FLAT_DN
+
+
 @pytest.mark.parametrize("name", SPOTS)
 def test_the_flawless_level_is_that_of_many_rays(name: str) -> None:
     station = check_station(camera__rows=3, defects=[], **SPOTS[name])
