@@ -1,5 +1,5 @@
 /* The station as the device sees it. Every member is a float and every struct a whole number of
-   four, so that numpy, OpenCL and GLSL's blocks lay out the same bytes; `gpuspec/parameters.py`
+   four, so that numpy, OpenCL and GLSL's blocks lay out the same bytes; `gpuspec/light/records.py`
    reads the names here and fills them. Lengths in mm. */
 #ifndef STATION_H
 #define STATION_H

@@ -27,7 +27,7 @@ _EXPLORED_THEN = 4  # after them, every fourth trial explores and the others are
 
 # Steps in shares of the bounds' distance: the first, the least and the greatest; what a step that
 # found something better, and one that did not, makes of the next. Of eight settings, the one that
-# reached the known optimum of `tests/test_optimise.py` most often.
+# reached the known optimum of `tests/sweeps/test_optimise.py` most often.
 _STEP, _STEP_MIN, _STEP_MAX = 0.3, 1e-3, 0.5
 _LONGER, _SHORTER = 1.5, 0.9
 _MOVED = 0.6  # chance of each key to be moved by a step
