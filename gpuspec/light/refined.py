@@ -19,7 +19,14 @@ from gpuspec.light.light_map import LightMap, LightMapArrays, in_closed_form
 from gpuspec.light.lists import Lists
 from gpuspec.light.patterns import Pattern
 from gpuspec.light.refined_levels import RefinedCounter
-from gpuspec.light.refinement import ACROSS, Neighbourhood, bend_of, by_cut, with_neighbours
+from gpuspec.light.refinement import (
+    ACROSS,
+    SIDES,
+    Neighbourhood,
+    bend_of,
+    by_cut,
+    with_neighbours,
+)
 from gpuspec.part.crossings import crossings
 from gpuspec.part.edges import cut_at_border
 from gpuspec.part.grooves import by_block
@@ -77,6 +84,9 @@ class RefinedLightMap(LightMap):
     def _cuts(self, relief: Relief) -> dict[int, Pixels]:
         """Return the places of the pixels that are refined, by how they are cut."""
         station, listed = self.station, self.pixels
+        pitch = station.camera.sampling_mm / SIDES[-1]
+        if min(station.part.length_mm, station.part.width_mm) < pitch:
+            return {}  # sub-rays would miss a part that is thinner
         border = cut_at_border(relief.edges, station).astype(np.uint32)
         if listed is None and min(station.shape) >= ACROSS:
             sides = self.base.sides_needed().ravel()

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from gpuspec.arrays import Mask
 from gpuspec.part.view import magnified, pixel_position, seen_at, surface_points
 from gpuspec.station.defects import EdgeDefect
+from gpuspec.station.sections import OUTERMOST
 from gpuspec.station.station import Station
 
 OUTLINE = {"chip": -1, "burr": 1}
@@ -138,9 +139,9 @@ def straight(station: Station, column: NDArray[Any] | float, row: NDArray[Any] |
 
 
 def cut_at_border(edges: Edges, station: Station) -> NDArray[np.int64]:
-    """Return which pixels of the image's border see past the part's edge beyond the image.
+    """Return which pixels of the image's border the part's edge cuts.
 
-    That an edge cuts a pixel its neighbours tell: one of them is lost. Beyond the image is none.
+    Elsewhere neighbours tell of it: one of them is lost. Beyond the image is none.
 
     Parameters
     ----------
@@ -155,7 +156,7 @@ def cut_at_border(edges: Edges, station: Station) -> NDArray[np.int64]:
     """
     rows, columns = station.shape
     down, across = np.arange(rows), np.arange(columns)
-    reach = station.camera.reach_px
+    reach = OUTERMOST
     sides: list[tuple[Any, Any, float, float]] = [
         (down, 0, 0, -reach), (down, columns - 1, 0, reach),
         (0, across, -reach, 0), (rows - 1, across, reach, 0),

@@ -21,7 +21,7 @@ from gpuspec.station.optics import FOLLOWS, blur_um, sampling_mm, spread
 _SAME = 1e-6
 """Share by which a value may differ from what follows from others: as both are written."""
 
-_OUTERMOST = 0.45
+OUTERMOST = 0.45
 """Of a pixel: where the outermost of 8 sub-rays on a side is, and float32's doubt."""
 
 
@@ -408,7 +408,7 @@ class Camera(Section):
     def reach_px(self) -> float:
         """How far from a pixel's centre its sub-rays look at most, in pixels; with auto of any."""
         first, third = self.spread
-        return _OUTERMOST * (1 + first + third * _OUTERMOST**2)
+        return OUTERMOST * (1 + first + third * OUTERMOST**2)
 
     @property
     def lean(self) -> float:
