@@ -72,7 +72,8 @@ def scenes() -> Iterator[tuple[Station, Relief]]:
         },
         {
             "camera__subsampling": 2, "tunnel__section": "box", "tunnel__width_mm": 80.0,
-            "part__material": "iron", "sequence__fusion": "std", **seen,
+            "part__material": "iron", "sequence__fusion": "std", "camera__columns": 9,
+            "camera__rows": 7,
         },
         sliced,
         {"tunnel__profile": "sinusoid", "tunnel__profile_gamma": 2.2, **seen},
