@@ -48,3 +48,13 @@ def plural(count: int, thing: str) -> str:
         In the singular.
     """
     return f"{count:,} {thing}{'' if count == 1 else 's'}"
+
+
+def none_valid(count: int) -> str:
+    """Return "1 design is no valid station" or "16 designs are no valid station".
+
+    Parameters
+    ----------
+    count : int
+    """
+    return f"{plural(count, 'design')} {'is' if count == 1 else 'are'} no valid station"

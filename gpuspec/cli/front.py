@@ -270,7 +270,7 @@ def _notes(choice: Choice, lines: list[Line], there: int) -> list[str]:
         )
     invalid = choice.run.invalid()
     if invalid:
-        found.append(f"{invalid[0]:,} designs are no valid station, e.g.: {invalid[1]}")
+        found.append(f"{words.none_valid(invalid[0])}, e.g.: {invalid[1]}")
     if choice.shortfall:
         found.append(choice.shortfall)
     found += choice.notes

@@ -152,6 +152,7 @@ def _swept(plan: Plan, output: Path, crew: Crew) -> tuple[RunFolder, float]:
 
 def _print_plan(plan: Plan, told: Estimate, done: int, output: Path) -> None:
     from gpuspec.cli.tables import print_table
+    from gpuspec.sweeps.trying.parts import counted_whole
     from gpuspec.words import number, plural
 
     out = console()
@@ -159,6 +160,8 @@ def _print_plan(plan: Plan, told: Estimate, done: int, output: Path) -> None:
             for a in plan.axes]  # fmt: skip
     print_table(rows, ("key", "from", "to", "values"), title=f"sweep of {plan.station.file}")
     way = f"screening, {plan.samples:,} pixels of a part" if plan.samples else "exact"
+    if plan.samples and counted_whole(plan.station):
+        way = "exact: of a part that is posed or uneven every pixel is counted"
     out.print(
         f"{plural(told.designs, 'design')} at 256 thresholds, on {plan.tries}; "
         f"{plural(told.traces, 'light map')} to trace; {way}",
@@ -195,13 +198,15 @@ def _print_damage(there: RunFolder, damaged: list[int]) -> None:
 
 
 def _print_end(run: RunFolder, tried: int, seconds: float) -> None:
+    from gpuspec import words
+
     invalid = run.invalid()
     out = console()
     rate = f", {tried / seconds:,.0f} designs/s" if tried else ""
     out.print(f"{run.plan.designs:,} designs in {run.path} ({seconds:.1f} s{rate})", soft_wrap=True)
     if invalid:
         (count, reason) = invalid
-        out.print(f"note: {count:,} designs are no valid station, e.g.: {reason}", soft_wrap=True)
+        out.print(f"note: {words.none_valid(count)}, e.g.: {reason}", soft_wrap=True)
 
 
 def _duration(seconds: float) -> str:

@@ -109,7 +109,8 @@ def _draw(shares: Axes, errors: Axes, found: OverThreshold, named: Named) -> lis
     errors.set_yticks([0, *(10**k for k in range(int(np.log10(most)) + 2))])
     errors.yaxis.set_major_formatter(FuncFormatter(lambda count, _: f"{count:,.0f}"))
     errors.minorticks_off()
-    errors.set(ylim=(-0.2, 3 * most), xlabel="threshold, DN", ylabel="false blobs")
+    errors.set(ylim=(-0.2, 3 * most), xlabel="threshold, DN",
+               ylabel="false blobs\nbeyond guard bands")  # fmt: skip
     for ax in (shares, errors):
         ax.spines[["top", "right"]].set_visible(False)
         ax.grid(axis="y", color="#E6E6E6")

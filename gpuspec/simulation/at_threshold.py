@@ -71,7 +71,9 @@ class AtThreshold:
         return min(self.peaks_dn, default=0) - self.flawless_dn
 
     @classmethod
-    def of(cls, traced: Traced, station: Station) -> AtThreshold:
+    def of(
+        cls, traced: Traced, station: Station, *, drawn: bool = True, expected: bool = True
+    ) -> AtThreshold:
         """Look at a traced part under a design of its geometry.
 
         Parameters
@@ -79,13 +81,19 @@ class AtThreshold:
         traced : Traced
         station : Station
             With its threshold and size filter.
+        drawn : bool
+            Whether noise is drawn; else its mean is looked at, where it has a closed form, which
+            takes a tenth of the time.
+        expected : bool
+            Whether it is told what noise makes of it.
         """
         on_part, truth, rule = traced.lost != BESIDE, traced.truth, station.segmentation
         light_map, threshold = traced.light_map, float(rule.threshold)
-        aspect = light_map.aspect(station)
         noisy = has_noisy_form(station)
         # Of noise the levels are told as they are on average, and its spread beside them.
-        level = light_map.moments(station).mean if noisy else aspect
+        mean = light_map.moments(station).mean if noisy else None
+        aspect = light_map.aspect(station) if mean is None or drawn else mean
+        level = aspect if mean is None else mean
         guard = traced.guard
         least = least_pixels(rule.min_area_mm2, station.camera.sampling_mm)
         detected = (aspect > threshold) & on_part
@@ -110,5 +118,5 @@ class AtThreshold:
             tuple(truth.defects[n].kind for n in seen),
             tuple((hit[seen] > 0).tolist()),
             float(flawless.max(initial=0.0)),
-            light_map.expected(threshold, station) if noisy else None,
+            light_map.expected(threshold, station) if noisy and expected else None,
         )  # fmt: skip

@@ -415,7 +415,12 @@ class Station(Section):
         """Return what stands at a place of nested tables and lists; a missing table is made."""
         if isinstance(place, int):
             if not isinstance(target, list) or not 0 <= place < len(target):
-                raise StationError(f"{self._file}: {path} cannot be changed: no such entry.")
+                count = len(target) if isinstance(target, list) else 0
+                there = f"there {'is' if count == 1 else 'are'} {count}, numbered from 1"
+                there = there if count else "there is none"
+                raise StationError(
+                    f"{self._file}: {path} cannot be changed: no such entry; {there}."
+                )
             return target[place]
         if isinstance(target, list):
             raise StationError(

@@ -293,7 +293,8 @@ def test_none_is_a_choice_of_some_keys_and_unsets_the_others():
         ("tunnel.dark_mm=3\nx=4", "must be a number"),
         ("defects[1]=none", "cannot be unset alone"),
         ("defects[1].depth_um=none", "depth_um is missing"),
-        ("defects[2]={depth_um=5}", "no such entry"),
+        ("defects[2]={depth_um=5}", "no such entry; there is 1, numbered from 1"),
+        ("populations[1].count=5", "no such entry; there is none"),
         ("part.material=\udcff", "must be text that can be written as UTF-8"),
     ],
 )

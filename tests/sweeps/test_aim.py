@@ -296,6 +296,23 @@ def test_parts_and_noise_are_told_as_mean_worst_and_spread(base, opencl):
         assert one["p1"] == pytest.approx(draw, abs=6 * one["p1_deviation"] + 0.01)
 
 
+@pytest.mark.parametrize("dsnu_e", [0.0, 2.0])
+def test_what_is_looked_at_undrawn_has_the_levels_of_every_draw(base, opencl, dsnu_e):
+    """They are those of the noise's mean, and what it is off by is told once a part."""
+    noisy = base.replace(
+        sensor={"noise": True, "saturation_e": 500.0, "read_noise_e": 2.0, "dark_e": 2.0,
+                "dsnu_e": dsnu_e},
+        sequence={"images": 16}, segmentation={"threshold": 80.0},
+    )  # fmt: skip
+    drawn, undrawn = (confirm_all([noisy], 2, opencl, 3, drawn=way)[0] for way in (True, False))
+    assert len(drawn.parts) == 6
+    assert len(undrawn.parts) == (6 if dsnu_e else 2)  # without, draws differ in nothing else
+    assert undrawn.flawless_dn == drawn.flawless_dn
+    assert undrawn.faintest_dn() == drawn.faintest_dn()
+    assert [seen.expected is None for seen in drawn.parts] == [False, True, True] * 2
+    assert drawn.parts[0].false_zone_px != undrawn.parts[0].false_zone_px
+
+
 def test_the_command_chooses_writes_and_draws(gpuspec_: Command, swept, opencl):
     run = swept["exact"].path
     ran = gpuspec_("front", run, "--goal", "images", "--require", *FOUND, "margin_sigma >= 6",

@@ -31,6 +31,18 @@ def test_sweep_prints_its_plan_and_what_to_do_next(gpuspec_: Command):
     assert Path("sweep/sweep.json").exists()
 
 
+@pytest.mark.parametrize(
+    ("change", "way"),
+    [("part.orange_peel={wavelength_mm=2, slope_rad=0.001}", "every pixel is counted"),
+     ("part.pose.tilt_y_deg=1", "every pixel is counted"), ("camera.pupil_mm=1", "screening, ")],
+)  # fmt: skip
+def test_the_plan_says_where_screening_spares_nothing(gpuspec_: Command, change, way):
+    vary = "sensor.exposure=2,4"
+    ran = gpuspec_("sweep", "s.toml", "--screen", "--plan", "--set", change, "--vary", vary)
+    assert ran.code == 0, ran.err
+    assert way in ran.out
+
+
 def test_notes_are_in_the_table_where_they_are_true_and_nowhere_else(station, opencl, tmp_path):
     grid = {"tunnel.length_mm": [10.0, 400.0], "sensor.exposure": [1.0, 4.0],
             "sequence.step_mm": [0.2, 8.0]}  # fmt: skip

@@ -385,17 +385,23 @@ class _Looker:
 
     def at(self, design: int, threshold_dn: float, **off: Any) -> Confirmed:
         """Look at a design at a threshold, some keys off."""
-        return self.every(design, threshold_dn, [off])[0]
+        return self._every(design, threshold_dn, [off], drawn=True)[0]
 
-    def every(
+    def levels(
         self, design: int, threshold_dn: float, offs: Sequence[dict[str, Any]]
     ) -> list[Confirmed]:
-        """Look at a design with some keys off, once for each of several."""
+        """Look at a design with some keys off, once for each of several: at its levels alone."""
+        return self._every(design, threshold_dn, offs, drawn=False)
+
+    def _every(
+        self, design: int, threshold_dn: float, offs: Sequence[dict[str, Any]], *, drawn: bool
+    ) -> list[Confirmed]:
         station = self.plan.station_of(design)
         rule = {"segmentation.threshold": threshold_dn,
                 "segmentation.min_area_mm2": self.min_area_mm2}  # fmt: skip
         stations = [station.replace(**off, **rule) for off in offs]
-        return confirm_all(stations, self.plan.parts, self.backend, self.plan.seeds)
+        plan = self.plan
+        return confirm_all(stations, plan.parts, self.backend, plan.seeds, drawn=drawn)
 
     def meets(self, found: Confirmed) -> bool:
         """Whether what was looked at meets the aim."""
@@ -437,7 +443,7 @@ class _Looker:
         station = self.plan.station_of(design)
         some = corners(station, beyond) if beyond else []
         held = threshold_dn if threshold_dn is not None else (low + high) / 2
-        off = self.every(design, held, some)
+        off = self.levels(design, held, some)
         if off:
             least, most = held_window(off, self.aim.least_hits)
             low, high = max(low, least), min(high, most)

@@ -13,6 +13,7 @@ import numpy as np
 from gpuspec.detection.chances import least_share, share_within
 from gpuspec.detection.score import precision, recall
 from gpuspec.light.backend import Backend
+from gpuspec.light.light_map import has_noisy_form
 from gpuspec.simulation.at_threshold import AtThreshold
 from gpuspec.simulation.simulate import trace
 from gpuspec.station.costs import costs
@@ -145,7 +146,7 @@ class Confirmed:
 
 
 def confirm_all(
-    stations: Sequence[Station], parts: int, backend: Backend, seeds: int = 1
+    stations: Sequence[Station], parts: int, backend: Backend, seeds: int = 1, *, drawn: bool = True
 ) -> list[Confirmed]:
     """Look at designs part by part, every pixel; those of one geometry are traced once.
 
@@ -158,6 +159,8 @@ def confirm_all(
     backend : Backend
     seeds : int
         Draws of the noise on each.
+    drawn : bool
+        Whether it is drawn; else its mean is looked at, where it has a closed form.
 
     Raises
     ------
@@ -166,6 +169,8 @@ def confirm_all(
     BackendError
         If the device fails.
     """
+    if not drawn and all(map(_has_one_mean, stations)):
+        seeds = 1
     groups: dict[str, list[int]] = {}
     for place, station in enumerate(stations):
         groups.setdefault(geometry(station), []).append(place)
@@ -179,12 +184,18 @@ def confirm_all(
             noise = noise or Noise.traced(first, traced.relief)
             for place, draw in product(places, range(seeds)):
                 own = with_part(stations[place], number, draw)
-                seen[place].append(AtThreshold.of(traced, own))
+                told = drawn and draw == 0  # of a part, whatever is drawn of it
+                seen[place].append(AtThreshold.of(traced, own, drawn=drawn, expected=told))
             traced.light_map.release()
         for place in places:
             deviation = noise.of(stations[place]) if noise else math.nan
             found[place] = Confirmed(stations[place], tuple(seen[place]), deviation, seeds)
     return [found[place] for place in range(len(stations))]
+
+
+def _has_one_mean(station: Station) -> bool:
+    """Whether the mean of a station's noise is known, and the same for every draw."""
+    return has_noisy_form(station) and not (station.sensor.prnu or station.sensor.dsnu_e)
 
 
 def held_window(

@@ -179,7 +179,7 @@ class Parts:
             does not hold.
         """
         sampled = sampled and self.samples > 0 and self.backend.screens
-        sampled = sampled and not any(map(_whole, stations))
+        sampled = sampled and not any(map(counted_whole, stations))
         listed = np.array([sampled and in_closed_form(station) for station in stations])
         self._turn_to(stations[0])
         noisy = any(station.sensor.noise for station in stations)
@@ -410,16 +410,6 @@ class Screen:
         return light_map
 
 
-def _whole(station: Station) -> bool:
-    """Whether images are counted whole, for it is not known which pixels can be left out.
-
-    None of a posed part; of one that is uneven any pixel may have sub-rays, and of such no bound is
-    known; a few pixels across are seen with neighbours beyond the image.
-    """
-    refined = station.camera.subsampling != 1
-    return station.posed or (refined and (station.part.uneven or min(station.shape) < ACROSS))
-
-
 def _kept(
     shelf: OrderedDict[Key, Kept], key: Key, make: Callable[[], Kept], most: int = _PLACED_KEPT
 ) -> Kept:
@@ -451,6 +441,20 @@ def _seen_key(station: Station, without: tuple[str, ...] = ()) -> str:
         part = part.model_copy(update=flat)
     station = station.model_copy(update={"part": part})
     return _key(station, ("tunnel", "sensor", "sequence", *without))
+
+
+def counted_whole(station: Station) -> bool:
+    """Return whether a part's images are counted whole, for nothing tells which pixels can be left.
+
+    None of a posed part; of one that is uneven any pixel may have sub-rays, and of such no bound is
+    known; a few pixels across are seen with neighbours beyond the image.
+
+    Parameters
+    ----------
+    station : Station
+    """
+    refined = station.camera.subsampling != 1
+    return station.posed or (refined and (station.part.uneven or min(station.shape) < ACROSS))
 
 
 def geometry(station: Station) -> str:
