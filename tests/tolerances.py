@@ -557,15 +557,15 @@ SPOT_LEVEL_DN = 0.4
 SPOT_RMS_DN = 1.6
 """Of the image of a dent through a spot, rms: measured 1.01 on 32 x 32 pixels."""
 
+SPOT_MAX_DN = 9.0
+"""The same, at most: measured 4.9."""
+
 SPOT_NEARER_RMS_DN = 0.8
-"""The same a little off focus: measured 0.65; 1.6 where sub-rays were turned by all that a place
-tells."""
+"""Rms of such an image a little off focus: measured 0.65; 1.6 where sub-rays were turned
+by all that a place tells."""
 
 SPOT_FLAT_DN = 0.6
 """Of sub-rays of a flat part a little off focus from one footprint: measured 0.31; 5 likewise."""
-
-SPOT_MAX_DN = 9.0
-"""The same, at most: measured 4.9."""
 
 SPOT_PLANE_MM = 1e-3
 """Of light and footprint in float32 where a pixel looks at a spot: differences of large squares."""

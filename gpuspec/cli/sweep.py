@@ -198,7 +198,7 @@ def _print_damage(there: RunFolder, damaged: list[int]) -> None:
 
 
 def _print_end(run: RunFolder, tried: int, seconds: float) -> None:
-    from gpuspec import words
+    from gpuspec.words import none_valid
 
     invalid = run.invalid()
     out = console()
@@ -206,7 +206,7 @@ def _print_end(run: RunFolder, tried: int, seconds: float) -> None:
     out.print(f"{run.plan.designs:,} designs in {run.path} ({seconds:.1f} s{rate})", soft_wrap=True)
     if invalid:
         (count, reason) = invalid
-        out.print(f"note: {words.none_valid(count)}, e.g.: {reason}", soft_wrap=True)
+        out.print(f"note: {none_valid(count)}, e.g.: {reason}", soft_wrap=True)
 
 
 def _duration(seconds: float) -> str:

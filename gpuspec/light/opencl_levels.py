@@ -292,12 +292,8 @@ class OpenCLCounter:
             yield self._kept
             return
         for tile, rows in self._map.bands():
-            part = _PixelSet(
-                tile.planes,
-                0,
-                tile.rows * self._map.stride,
-                partial(_seen_in, self._map, self._zones, rows),
-            )
+            pixels = partial(_seen_in, self._map, self._zones, rows)
+            part = _PixelSet(tile.planes, 0, tile.rows * self._map.stride, pixels)
             if self._map.tiles == 1:
                 self._kept = part
             yield part
@@ -309,8 +305,7 @@ class OpenCLCounter:
         if self._lie_together(pixels, count):
             tile, _ = next(self._map.bands())
             first = int(pixels[0])
-            places = np.arange(first + count, dtype=np.uint32)
-            return _PixelSet(tile.planes, first, count, partial(_numbers, self._map, places))
+            return _PixelSet(tile.planes, first, count, partial(_first, self._map, first + count))
         pixels = np.pad(pixels, (0, count - len(pixels)), constant_values=NO_PIXEL)
         planes = tuple(b.empty(max(4 * len(pixels), 4)) for _ in range(PLANES))
         for tile, rows in self._map.bands() if len(pixels) else ():
@@ -351,6 +346,11 @@ def _seen_in(light_map: Any, zones: Zones, rows: slice) -> Pixels:
     found = np.full((len(places), light_map.stride), NO_PIXEL, np.uint32)
     found[:, :columns] = np.where(seen, places, NO_PIXEL)
     return _numbers(light_map, found.ravel())
+
+
+def _first(light_map: Any, count: int) -> Pixels:
+    """Return the flat indices into the image of a light map's first places."""
+    return _numbers(light_map, np.arange(count, dtype=np.uint32))
 
 
 def _numbers(light_map: Any, places: Pixels) -> Pixels:

@@ -132,10 +132,18 @@ def straight(station: Station, column: NDArray[Any] | float, row: NDArray[Any] |
     column, row : ndarray of int64 or float64
         Pixels, or places between their centres, of shapes that broadcast.
     """
+    return _on_part(NO_EDGES, station, column, row)
+
+
+def _on_part(
+    edges: Edges, station: Station, column: NDArray[Any] | float, row: NDArray[Any] | float
+) -> Mask:
     x, y = surface_points(station, column, row)
     part = station.part
-    inside: Mask = (np.abs(x) <= part.length_mm / 2) & (np.abs(y) <= part.width_mm / 2)
-    return inside
+    inside = (np.abs(x) <= part.length_mm / 2) & (np.abs(y) <= part.width_mm / 2)
+    said = edges.outline(x, y)
+    found: Mask = np.where(said == 0, inside, said > 0)
+    return found
 
 
 def cut_at_border(edges: Edges, station: Station) -> NDArray[np.int64]:
@@ -156,18 +164,15 @@ def cut_at_border(edges: Edges, station: Station) -> NDArray[np.int64]:
     """
     rows, columns = station.shape
     down, across = np.arange(rows), np.arange(columns)
-    reach = OUTERMOST
     sides: list[tuple[Any, Any, float, float]] = [
-        (down, 0, 0, -reach), (down, columns - 1, 0, reach),
-        (0, across, -reach, 0), (rows - 1, across, reach, 0),
+        (down, 0, 0, -OUTERMOST), (down, columns - 1, 0, OUTERMOST),
+        (0, across, -OUTERMOST, 0), (rows - 1, across, OUTERMOST, 0),
     ]  # fmt: skip
     found = []
     for row, column, below, beside in sides:
-        here = straight(station, column, row)
-        cut = here != straight(station, column + beside, row + below)
-        if len(edges):
-            points = surface_points(station, column + beside, row + below)
-            cut |= (edges.outline(*points) != 0) & here
+        cut = _on_part(edges, station, column, row) != _on_part(
+            edges, station, column + beside, row + below
+        )
         found.append((row * columns + column)[cut])
     return np.unique(np.concatenate(found))
 

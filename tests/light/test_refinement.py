@@ -19,6 +19,7 @@ DEFECTS = [
         "width_mm": 0.3, "depth_um": 2.0,
     },
 ]  # fmt: skip
+CHIP = {"kind": "chip", "side": "right", "at_mm": 0.4, "width_mm": 1.1, "depth_mm": 0.37}
 FEW = {"camera.columns": 61, "camera.rows": 53, "sequence.images": 12}
 """Few images, where a bend of the light counts most; columns that fill no vectors."""
 SCENES = {
@@ -98,10 +99,12 @@ def test_a_flat_part_needs_no_sub_rays(opencl):
     assert np.all(needed == 1)
 
 
-def test_the_part_s_edge_is_seen_where_the_image_ends_with_the_part(opencl):
+@pytest.mark.parametrize("edges", [(), (CHIP,)], ids=["whole", "a chip"])
+def test_the_part_s_edge_is_seen_where_the_image_ends_with_the_part(opencl, edges):
     """That it cuts a pixel the neighbours beyond would tell, and of the default image are none."""
     station = scene(**{
         "part.length_mm": 6.12, "part.width_mm": 5.32, "camera.columns": 62, "camera.rows": 54,
+        "edges": edges,
     })  # fmt: skip
     larger = station.replace(camera__columns=66, camera__rows=58)
     own, beyond = (opencl.trace(s.replace(camera__subsampling="auto")) for s in (station, larger))
