@@ -32,30 +32,49 @@ DEVICE REAL width_of(REAL light, REAL wide) {
     return light == 0.0f && wide == 1.0f ? blind : wide;
 }
 
+/* Pixels and those around them: light coordinates, and the widths of footprints. */
+typedef struct {
+    REAL above_left, above, above_right;
+    REAL left, here, right;
+    REAL below_left, below, below_right;
+    REAL wide, wide_left, wide_right, wide_above, wide_below;
+} Around;
+
 /* |l_cc| + |l_rr| + 2 |l_cr| over a pixel, or more: a neighbour's width less one's own. Differences for
-   which the border lacks a neighbour are 0, and so is what is no pixel. */
+   which the border lacks a neighbour are 0: `across` and `down` say which it has on both sides. */
+DEVICE REAL change_of(Around n, MASK across, bool down) {
+    REAL none = 0.0f;
+    REAL twice = 2.0f * n.here;
+    REAL change = fabs(n.left - twice + n.right);
+    change = (across ? change : none);
+    if (down) {
+        change += fabs(n.above - twice + n.below);
+        REAL mixed = fabs((n.below_right - n.below_left) - (n.above_right - n.above_left));
+        change += 0.5f * (across ? mixed : none);
+    }
+    change = max(change, max(fabs(n.wide - n.wide_left), fabs(n.wide - n.wide_right)));
+    return max(change, max(fabs(n.wide - n.wide_above), fabs(n.wide - n.wide_below)));
+}
+
+/* The same of pixels of an image; of what is no pixel 0. */
 DEVICE REAL changes(__global const float *light, __global const float *wide, int row, int column,
                     int rows, int columns, int stride) {
-#define NEAR(plane, r, c) entries(plane, row + (r), column + (c), rows, columns, stride)
     REAL none = 0.0f;
     REAL place = (float)column + LANES;
     if (row < 0 || row >= rows) {
         return none;
     }
-    REAL twice = 2.0f * NEAR(light, 0, 0);
+#define NEAR(plane, r, c) entries(plane, row + (r), column + (c), rows, columns, stride)
+    Around n = {NEAR(light, -1, -1), NEAR(light, -1, 0), NEAR(light, -1, 1),
+                NEAR(light, 0, -1), NEAR(light, 0, 0), NEAR(light, 0, 1),
+                NEAR(light, 1, -1), NEAR(light, 1, 0), NEAR(light, 1, 1)};
+    n.wide = width_of(n.here, NEAR(wide, 0, 0));
+    n.wide_left = width_of(n.left, NEAR(wide, 0, -1));
+    n.wide_right = width_of(n.right, NEAR(wide, 0, 1));
+    n.wide_above = width_of(n.above, NEAR(wide, -1, 0));
+    n.wide_below = width_of(n.below, NEAR(wide, 1, 0));
     MASK across = place > 0.0f && place < (float)(columns - 1);
-    REAL change = fabs(NEAR(light, 0, -1) - twice + NEAR(light, 0, 1));
-    change = (across ? change : none);
-    if (row > 0 && row < rows - 1) {
-        change += fabs(NEAR(light, -1, 0) - twice + NEAR(light, 1, 0));
-        REAL below = NEAR(light, 1, 1) - NEAR(light, 1, -1);
-        REAL mixed = fabs(below - (NEAR(light, -1, 1) - NEAR(light, -1, -1)));
-        change += 0.5f * (across ? mixed : none);
-    }
-#define WIDTH_AT(r, c) width_of(NEAR(light, r, c), NEAR(wide, r, c))
-    REAL own = WIDTH_AT(0, 0);
-    change = max(change, max(fabs(own - WIDTH_AT(0, -1)), fabs(own - WIDTH_AT(0, 1))));
-    change = max(change, max(fabs(own - WIDTH_AT(-1, 0)), fabs(own - WIDTH_AT(1, 0))));
+    REAL change = change_of(n, across, row > 0 && row < rows - 1);
     return (place >= 0.0f && place < (float)columns ? change : none);
 }
 
@@ -109,4 +128,74 @@ __kernel void sides_needed(__global uchar *sides, __global const float *light,
             STORE_BYTE(found, sides, at);
         }
     }
+}
+
+/* Light coordinates and widths of pixels of a list, from their places in it, in the order of the image: those
+   of a row are neighbours. */
+__kernel void in_order(__global float *ordered, __global float *widths,
+                       __global const float *light, __global const float *wide,
+                       __global const uint *places) {
+    size_t at = get_global_id(0) * WIDTH;
+    COUNTER place = LOAD_COUNTERS(places, at);
+    REAL own = GATHER(light, place);
+    STORE(own, ordered, at);
+    STORE(width_of(own, GATHER(wide, place)), widths, at);
+}
+
+/* Where the neighbours of some pixels stand among others: above, in the middle the pixels themselves, and
+   below, on the border of the image the nearest; and whether there is one to the left, and to the right. */
+typedef struct {
+    COUNTER above;
+    COUNTER middle;
+    COUNTER below;
+    COUNTER left;
+    COUNTER right;
+} Beside;
+
+DEVICE Beside beside_of(__global const uint *planes, uint count, size_t at) {
+    size_t plane = count;
+    COUNTER bits = LOAD_COUNTERS(planes, 3 * plane + at);
+    Beside found = {LOAD_COUNTERS(planes, at), LOAD_COUNTERS(planes, plane + at),
+                    LOAD_COUNTERS(planes, 2 * plane + at), bits & 1u, bits >> 1};
+    return found;
+}
+
+#define THREE(plane, line) \
+    GATHER(plane, line - to.left), GATHER(plane, line), GATHER(plane, line + to.right)
+
+/* Changes of `count` pixels. */
+__kernel void changes_beside(__global float *change, __global const float *light,
+                             __global const float *widths, __global const uint *beside,
+                             uint count) {
+    size_t at = get_global_id(0) * WIDTH;
+    Beside to = beside_of(beside, count, at);
+    MASK down = to.above != to.middle && to.below != to.middle;
+    COUNTER above = down ? to.above : to.middle; /* differences of one line are 0 */
+    COUNTER below = down ? to.below : to.middle;
+    Around n = {THREE(light, above), THREE(light, to.middle), THREE(light, below),
+                GATHER(widths, to.middle), GATHER(widths, to.middle - to.left),
+                GATHER(widths, to.middle + to.right), GATHER(widths, to.above),
+                GATHER(widths, to.below)};
+    MASK across = TO_REAL(to.left * to.right) > 0.0f;
+    STORE(change_of(n, across, true), change, at);
+}
+
+/* Sub-rays that `count` pixels need on each side, by the changes beside them and their own widths. */
+__kernel void sides_beside(__global uchar *sides, __global const float *change,
+                           __global const float *widths, __global const uint *beside, uint count,
+                           __global const uint *own, float bend, float width) {
+    size_t at = get_global_id(0) * WIDTH;
+    Beside to = beside_of(beside, count, at);
+    REAL lines[9] = {THREE(change, to.above), THREE(change, to.middle), THREE(change, to.below)};
+    REAL most = 0.0f;
+    for (int i = 0; i < 9; i++) {
+        most = max(most, lines[i]);
+    }
+    REAL bound = bend * min(GATHER(widths, LOAD_COUNTERS(own, at)), (REAL)width);
+    STORE_BYTE(sides_for(most, bound), sides, at);
+}
+
+/* Puts out the light of chosen pixels. */
+__kernel void put_out(__global float *irradiance, __global const uint *chosen) {
+    irradiance[chosen[get_global_id(0)]] = 0.0f;
 }

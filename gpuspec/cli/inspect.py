@@ -148,7 +148,7 @@ def _summarise(result: Captured, output: Path) -> None:
             words.precision(score.p1, score.hit_px + score.false_px),
             f"undefined ({score.undefined})" if score.p2 is None else f"{score.p2:.3f}",
             "-" if score.f1 is None else f"{score.f1:.3f}",
-            [("defects hit", f"{score.defects_hit} of {score.defects}", ""), *rows],
+            [("defects hit", *score.hits), *rows],
         )
     else:
         print_table(rows, whole=[1], framed=False)

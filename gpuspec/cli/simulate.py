@@ -108,7 +108,7 @@ def _summarise(result: Result, output: Path, chosen: bool) -> None:
         f"undefined ({score.undefined})" if score.p2 is None else f"{score.p2:.3f}",
         "-" if score.f1 is None else f"{score.f1:.3f}",
         [
-            ("defects hit", f"{score.defects_hit} of {score.defects}", ""),
+            ("defects hit", *score.hits),
             ("blobs", f"{score.blobs}", f"{score.false_blobs} false"),
             threshold_row(result.inspection),
             *refined,

@@ -70,6 +70,12 @@ class Score:
         return asdict(self)
 
     @property
+    def hits(self) -> tuple[str, str]:
+        """Defects hit, and what to know of those that cannot be."""
+        beyond = f"{self.unseen} without a pixel in the image" if self.unseen else ""
+        return f"{self.defects_hit} of {self.defects}", beyond
+
+    @property
     def undefined(self) -> str:
         """Why P2 is undefined; empty where it is defined."""
         if self.p2 is not None:

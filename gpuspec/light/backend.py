@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from gpuspec.errors import BackendError
+from gpuspec.light.constants import NO_PIXEL
 from gpuspec.light.levels import Pixels
 from gpuspec.light.light_map import LightMap
 from gpuspec.light.refined import RefinedLightMap
@@ -97,6 +98,20 @@ class Backend(ABC):
         """
         raise BackendError(f"{self.info} does not trace a light map again; trace the station.")
 
+    def without(self, light_map: LightMap, places: Pixels) -> LightMap:
+        """Return the light map of a list without some of its pixels, in whose place there is none.
+
+        It takes the place of the other, in which they may see no light any more.
+
+        Parameters
+        ----------
+        light_map : LightMap
+            Of this backend.
+        places : ndarray of uint32
+            In the list.
+        """
+        return self.trace_again(light_map, light_map.station, without(light_map, places))
+
     @property
     def held_bytes(self) -> int:
         """What its light maps take of the device's memory now; 0 where that is not known."""
@@ -144,6 +159,22 @@ class Backend(ABC):
         pixels : ndarray of uint32, shape (n,), optional
             See :meth:`trace`.
         """
+
+
+def without(light_map: LightMap, places: Pixels) -> Pixels:
+    """Return the pixels of a light map's list, some left out: ``NO_PIXEL`` is in their places.
+
+    Parameters
+    ----------
+    light_map : LightMap
+        Of a list.
+    places : ndarray of uint32
+        In the list.
+    """
+    assert light_map.pixels is not None
+    fewer = light_map.pixels.copy()
+    fewer[places] = NO_PIXEL
+    return fewer
 
 
 def chosen(backend: str, names: Sequence[str], wanted: str | None) -> int:

@@ -23,7 +23,7 @@ from gpuspec.light.float64_noise import Moments, drawn, noisy_moments
 from gpuspec.light.levels import LevelCounter, Levels, Pixels, Sample, Zones, levels_of
 from gpuspec.light.lists import Lists
 from gpuspec.light.patterns import Pattern
-from gpuspec.light.refinement import bend_of, counted, sides_needed
+from gpuspec.light.refinement import Neighbourhood, bend_of, counted, sides_needed
 from gpuspec.shown import array, object_of
 from gpuspec.station.station import Station
 
@@ -244,6 +244,20 @@ class LightMap(ABC):
         arrays = self.read()
         bend = bend_of(self.station.camera)
         return sides_needed(arrays.light_mm[0], arrays.wide_mm[0], bend)
+
+    def sides_beside(self, around: Neighbourhood, places: NDArray[np.int64]) -> NDArray[np.uint8]:
+        """Return how many sub-rays pixels of a list need on each side, shape (n,).
+
+        Parameters
+        ----------
+        around : Neighbourhood
+            Of these n pixels, all of it in the list.
+        places : ndarray of int64, shape (k,)
+            Where its `pixels` stand there.
+        """
+        arrays = self.read()
+        light, wide = (plane[0, 0, places] for plane in (arrays.light_mm, arrays.wide_mm))
+        return around.sides_needed(light, wide, bend_of(self.station.camera))
 
     @abstractmethod
     def read(self) -> LightMapArrays:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gpuspec.arrays import Image
 from gpuspec.host import free_bytes
 from gpuspec.light import pocl
-from gpuspec.light.backend import Backend, Settings
+from gpuspec.light.backend import Backend, Settings, without
 from gpuspec.light.constants import NO_PIXEL, STRIP_ROWS, STRIP_VECTORS
 from gpuspec.light.float64_noise import Moments
 from gpuspec.light.levels import Pixels, Sample, Zones
@@ -22,6 +22,7 @@ from gpuspec.light.lists import Lists
 from gpuspec.light.opencl_device import FILES, INSTALL, INTEL, VECTORS, OpenCLDevice
 from gpuspec.light.opencl_footprints import FootprintLists, can_be_tables
 from gpuspec.light.opencl_levels import OpenCLCounter, device_noise
+from gpuspec.light.opencl_refinement import Surroundings
 from gpuspec.light.records import (
     coefficients,
     design_block,
@@ -29,7 +30,7 @@ from gpuspec.light.records import (
     map_records,
     piece_records,
 )
-from gpuspec.light.refinement import WIDTH_MM, bend_of
+from gpuspec.light.refinement import WIDTH_MM, Neighbourhood, bend_of
 from gpuspec.light.tiles import PlanarTile, TiledLightMap
 from gpuspec.part.grooves import BLOCK
 from gpuspec.part.marches import MARCH_STEPS, march_of
@@ -114,6 +115,14 @@ class OpenCLBackend(OpenCLDevice, Backend):
         with self.failures():
             return light_map.again(station, pixels)
 
+    def without(self, light_map: LightMap, places: Pixels) -> LightMap:
+        """See :meth:`Backend.without`."""
+        assert isinstance(light_map, OpenCLLightMap)
+        if light_map.tiles > 1:
+            return super().without(light_map, places)
+        with self.failures():
+            return light_map.put_out(places)
+
 
 _KERNELS = {
     "image": ("sequence.cl", "image_at"),
@@ -156,6 +165,7 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
             backend.constant(coefficients(relief.maps)),
         )
         self._pieces_met = np.diff(first)
+        self._surroundings: Surroundings | None = None
         self._lay(station, pixels)
 
     def _lay(self, station: Station, pixels: Pixels | None) -> None:
@@ -289,6 +299,34 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
             found = np.empty((rows, columns), np.uint8)
             self._copy_home(found, sides)
         return found
+
+    def sides_beside(self, around: Neighbourhood, places: NDArray[np.int64]) -> NDArray[np.uint8]:
+        """See :meth:`LightMap.sides_beside`."""
+        if not self._kept:
+            return super().sides_beside(around, places)
+        with self.failures():
+            if self._surroundings is None or self._surroundings.around is not around:
+                self._surroundings = Surroundings(self.backend, around, places)
+            light, wide, *_ = self._kept[0].planes
+            return self._surroundings.sides_needed(light, wide, bend_of(self.station.camera))
+
+    def put_out(self, places: Pixels) -> OpenCLLightMap:
+        """See :meth:`Backend.without`, of a list that is held whole.
+
+        Parameters
+        ----------
+        places : ndarray of uint32
+        """
+        fewer = copy(self)
+        fewer.pixels = without(self, places)
+        if len(places):
+            b = self.backend
+            chosen = np.pad(places, (0, -len(places) % b.width), mode="edge")
+            b.start(
+                "refine.cl", "put_out", (len(chosen),), self._kept[0].planes[3],
+                b.constant(chosen), group=b.side_by_side,
+            )  # fmt: skip
+        return fewer
 
     def together(self, parts: Sequence[LightMap]) -> Lists[LightMap]:
         """See :meth:`LightMap.together`."""

@@ -24,6 +24,7 @@ INSTALL = (
     "(Debian, Ubuntu)"
 )
 INTEL = "Intel(R) OpenCL"
+POCL = "Portable Computing Language"
 
 VECTORS = (16, 8)
 """Pixels of a REAL where it is a vector, the first with AVX-512; rows are padded to whole ones."""
@@ -49,6 +50,10 @@ _SHORT = 1 / 64
 # A pool has memory in sizes that are so much apart, and may keep so much of a device's that nobody
 # uses now, whatever was asked for before.
 _ROUNDED, _UNUSED = 1 / 8, 1 / 16
+
+# PoCL's own choice is all work-items at once, if they are not too many, and it compiles anew for
+# every number of them, a third of a second each. Vectors are given alone, others in few numbers.
+_ITEMS_MAX = 64
 
 LOCAL_BYTES_MIN = 2048
 """Local memory that counting levels takes at least: one set of counters, and some to spare."""
@@ -154,6 +159,7 @@ class OpenCLDevice:
         lacking = lack(self.device)
         if lacking:
             raise DeviceError(f"opencl: {self.info.device} {lacking}.")
+        self._compiles_anew = POCL in self.device.platform.name
         self._lock = RLock()
         self._work: dict[str, float] = {}
         self.settle({})
@@ -175,6 +181,11 @@ class OpenCLDevice:
     def width(self) -> int:
         """The widest REAL of all kernels, of which rows hold a whole number."""
         return max(self.widths.values())
+
+    @property
+    def side_by_side(self) -> tuple[int, ...] | None:
+        """The group of a kernel whose work-items are single pixels, a whole number of vectors."""
+        return (self.width,) if self.width > 1 else None
 
     def kernel(self, file: str, name: str) -> Any:
         """Return a kernel of `kernels/`, its file built when first asked for.
@@ -243,6 +254,13 @@ class OpenCLDevice:
         flags = access | self.cl.mem_flags.COPY_HOST_PTR
         return self.cl.Buffer(self.context, flags, hostbuf=values)
 
+    def kept(self, values: NDArray[Any]) -> Any:
+        """Copy an array to memory that counts as held, see :attr:`OpenCLBackend.held_bytes`."""
+        buffer = self.empty(max(values.nbytes, 4))
+        if values.size:
+            self.cl.enqueue_copy(self.queue, buffer, np.ascontiguousarray(values))
+        return buffer
+
     def empty(self, size: int) -> Any:
         """Reserve bytes on the device."""
         largest = self.device.max_mem_alloc_size
@@ -296,8 +314,11 @@ class OpenCLDevice:
         offset : tuple of int, optional
             Number of the first work-item; None: 0.
         group : tuple of int, optional
-            Work-items of a group; None: the driver's choice.
+            Work-items of a group; None: the driver's choice, but for PoCL's.
         """
+        if group is None and self._compiles_anew:
+            alone = self.widths[file] > 1
+            group = (1 if alone else _dividing(size[0]), *(1,) * (len(size) - 1))
         with self._lock:  # a kernel holds its arguments until it is started, for all threads
             self.kernel(file, name)(self.queue, size, group, *arguments, global_offset=offset)
 
@@ -365,3 +386,8 @@ class OpenCLDevice:
             raise failure(self.info, error, memory=True) from None
         except self.cl.Error as error:
             raise failure(self.info, error) from None
+
+
+def _dividing(items: int) -> int:
+    """Return the largest power of two that divides a number of work-items, up to ``_ITEMS_MAX``."""
+    return min(items & -items, _ITEMS_MAX)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +20,7 @@ from gpuspec.part.relief import Relief
 from gpuspec.part.view import pixel_position
 from gpuspec.shapes import Sphere
 from gpuspec.station.materials import optical_constants
-from gpuspec.station.sections import Tunnel
+from gpuspec.station.sections import Pose, Tunnel
 from gpuspec.station.station import Station
 
 _END = 16  # points after which the spline forgets what follows: 0.27^16 = 7e-10
@@ -115,13 +115,14 @@ def geometry_block(station: Station, march: March | None = None) -> NDArray[np.f
         march_steps=MARCH_STEPS if march else 0,
         march_slack=march.slack_mm if march else 0,
         highest=march.highest_mm if march else 0,
-        **_frames(station),
+        **_frames(part.pose, camera.pose, camera.height_mm),
     )
 
 
-def _frames(station: Station) -> dict[str, float]:
+@lru_cache(maxsize=64)
+def _frames(part: Pose | None, camera: Pose | None, height_mm: float) -> dict[str, float]:
     """Return the members of ``Geometry`` that are the poses of camera and part."""
-    frames = Frames.of(station)
+    frames = Frames.between(part, camera, height_mm)
     members: dict[str, float] = {}
     view = frames.view - np.diag([1.0, 1.0, 0.0])  # what is small of a small pose
     for name, axes, middle in (

@@ -64,14 +64,14 @@ class RefinedLightMap(LightMap):
         relief: Relief,
         traced: Traced,
         pixels: Pixels | None = None,
-        cuts: Callable[[LightMapArrays], dict[int, Pixels]] | None = None,
+        cuts: Callable[[LightMap], dict[int, Pixels]] | None = None,
     ) -> None:
         self.station, self.pixels = station, pixels
         self._coarse: Callable[..., LightMap] = lambda some, of=station: traced(
             with_cut(of, 1), relief, some
         )
         self.base = traced(with_cut(station, 1), relief, pixels)
-        finer = cuts(self.base.read()) if cuts else self._cuts(relief)
+        finer = cuts(self.base) if cuts else self._cuts(relief)
         self.lists = self.base.together(
             [
                 traced(with_cut(station, cut), relief, own if pixels is None else pixels[own])
@@ -228,7 +228,9 @@ class RefinedLightMap(LightMap):
         if type(self.base).counter is LightMap.counter or self.pixels is not None:
             return super().counter(zones, sample)
         return _ByWay(
-            RefinedCounter(self.base, self.lists, self.places, self._coarse, zones, sample),
+            RefinedCounter.of_image(
+                self.base, self.lists, self.places, self._coarse, zones, sample
+            ),
             super().counter(zones, sample),
         )
 

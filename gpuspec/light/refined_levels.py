@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gpuspec.light.levels import LevelCounter, Levels, Pixels, Sample, Zones
 from gpuspec.light.light_map import LightMap
-from gpuspec.light.lists import Lists, Sets
+from gpuspec.light.lists import Lists, SetCounter, Sets
 from gpuspec.station.station import Station
 
 
@@ -57,7 +57,8 @@ class Roles:
         """
         role = self.role[places]
         kept = np.flatnonzero(role >= 0)
-        order = kept[np.argsort(role[kept], kind="stable")]
+        few = np.uint16 if self.zones < 1 << 15 else np.uint32  # short numbers are sorted at once
+        order = kept[np.argsort(role[kept].astype(few), kind="stable")]
         role = role[order]
         first = np.flatnonzero(np.diff(role, prepend=-1))
         number = role[first].astype(np.int64)
@@ -66,64 +67,80 @@ class Roles:
         return Sets(order, np.append(first, len(order)), kinds, number)
 
 
+@dataclass(frozen=True)
 class RefinedCounter:
-    """Counts levels on a device that counts those of one footprint, and puts right what is refined.
+    """Counts levels of what is seen with one footprint, and of lists of refined pixels.
 
-    Parameters
+    Attributes
     ----------
-    base : LightMap
-        Of one footprint per pixel; its counter takes any pixel of the image that is in no zone for
-        outside.
-    lists : Lists
-        Of the refined pixels, no pixel twice.
-    places : ndarray of uint32
-        Where these stand in the image, or in the list that `base` is of.
-    coarse : callable
-        Traces a list of pixels with one footprint each; not needed with a sample.
-    zones : Zones
-    sample : Sample, optional
-        Pixels that stand for all others, of which no refined one is looked at; None: all are
-        counted.
-    roles : Roles, optional
-        Of these zones and that sample, where they are known.
+    one : LevelCounter
+        Of the former.
+    sets : Sets
+        The lists' pixels by how they are counted, see :meth:`Roles.sets`.
+    refined : callable
+        Counts these.
+    twice : LevelCounter or None
+        Of one footprint of the lists' pixels, where `one` counts them, too, as if outside.
     """
 
-    def __init__(
-        self,
+    one: LevelCounter
+    sets: Sets
+    refined: SetCounter
+    twice: LevelCounter | None = None
+
+    @classmethod
+    def of_image(
+        cls,
         base: LightMap,
         lists: Lists[LightMap],
         places: Pixels,
-        coarse: Callable[[Pixels], LightMap] | None,
+        coarse: Callable[[Pixels], LightMap],
         zones: Zones,
         sample: Sample | None,
-        roles: Roles | None = None,
-    ) -> None:
-        roles = roles or Roles.of(zones, sample)
+    ) -> RefinedCounter:
+        """Return that of an image.
+
+        Parameters
+        ----------
+        base : LightMap
+            Of one footprint per pixel; its counter takes any pixel of the image that is in no zone
+            for outside.
+        lists : Lists
+            Of the refined pixels, no pixel twice.
+        places : ndarray of uint32
+            Where these stand in the image.
+        coarse : callable
+            Traces a list of pixels with one footprint each; not asked with a sample.
+        zones : Zones
+        sample : Sample, optional
+            Pixels that stand for all others, of which no refined one is looked at; None: all are
+            counted.
+        """
+        sets = Roles.of(zones, sample).sets(places)
         one = np.ones(zones.valid.shape, bool)
         one.flat[places] = False
-        self._coarse: LevelCounter | None = None
+        twice = None
         if sample is not None:
             sample = replace(sample, near=sample.near[one.flat[sample.near]])
-        elif coarse is not None:
+        else:
             some = coarse(np.flatnonzero(~one & zones.valid).astype(np.uint32))
-            self._coarse = some.counter(Zones.none(some.shape))
-        self._sets = roles.sets(places)
-        self._refined = lists.counter(self._sets)
-        self._inner = base.counter(replace(zones.only(one), valid=zones.valid), sample)
+            twice = some.counter(Zones.none(some.shape))
+        inner = base.counter(replace(zones.only(one), valid=zones.valid), sample)
+        return cls(inner, sets, lists.counter(sets), twice)
 
     def count(self, stations: Sequence[Station]) -> Levels:
         """See :meth:`gpuspec.light.levels.LevelCounter.count`."""
-        found = self._inner.count(stations)
-        if self._coarse is not None:
-            found.outside[:, 1:] -= self._coarse.count(stations).outside[:, 1:]
-        more = self._refined(stations)
+        found = self.one.count(stations)
+        if self.twice is not None:
+            found.outside[:, 1:] -= self.twice.count(stations).outside[:, 1:]
+        more = self.refined(stations)
         inside, none, guard = more.counts.transpose(1, 0, 2)
         for counts, own in (
             (found.inside, inside), (found.outside, none), (found.outside, guard),
             (found.guard, guard),
         ):  # fmt: skip
             counts += own
-        zones = self._sets.number >= 0
-        peaks, number = more.highest[:, zones], self._sets.number[zones]
+        zones = self.sets.number >= 0
+        peaks, number = more.highest[:, zones], self.sets.number[zones]
         found.peaks[:, number] = np.maximum(found.peaks[:, number], peaks)
         return found

@@ -22,10 +22,12 @@ of those refined is up to three times as large.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gpuspec.arrays import Mask
 from gpuspec.light.constants import AT_LOSS, BLIND_WIDTH_MM
 from gpuspec.part.crossings import CREASE, GROOVE
 from gpuspec.part.guard import widened
@@ -152,18 +154,20 @@ class Neighbourhood:
     ----------
     pixels : ndarray of int64, shape (k,)
         They, and all within two pixels of them; likewise.
+    near : Beside
+        Where the neighbours of all within one pixel of them stand among `pixels`.
+    around : Beside
+        Where their own neighbours stand among those within one pixel.
+    own : ndarray of int64, shape (n,)
+        Where they stand among `pixels`.
     """
 
     def __init__(self, own: Ints, shape: tuple[int, int]) -> None:
         around = widened(own, shape)
         self.pixels = widened(around, shape)
-        self._near = _neighbours(around, self.pixels, shape)
-        self._spread = _neighbours(own, around, shape)
-        self._own = self._near[1, 1, self._spread[1, 1]]
-        self._inner = [
-            ((axis > 0) & (axis < size - 1))[:, None]
-            for axis, size in zip(np.divmod(around, shape[1]), shape, strict=True)
-        ]
+        self.near = Beside.of(around, self.pixels, shape)
+        self.around = Beside.of(own, around, shape)
+        self.own = self.near.middle[self.around.middle]
 
     def sides_needed(
         self, light: NDArray[np.float32], wide: NDArray[np.float32], bend: float = BEND
@@ -178,9 +182,9 @@ class Neighbourhood:
             See :func:`bend_of`.
         """
         wide = _told_apart(light, wide)
-        near = [np.moveaxis(plane[self._near], -1, 0) for plane in (light, wide)]
-        change = _changes(near[0], near[1], *self._inner).ravel()
-        return _sides(change[self._spread].max(axis=(0, 1), initial=0), wide[self._own], bend)
+        near = [np.moveaxis(plane[self.near.places], -1, 0) for plane in (light, wide)]
+        change = _changes(near[0], near[1], self.near.down, self.near.across).ravel()
+        return _sides(change[self.around.places].max(axis=(0, 1), initial=0), wide[self.own], bend)
 
 
 def _told_apart(light: NDArray[np.float32], wide: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -189,27 +193,63 @@ def _told_apart(light: NDArray[np.float32], wide: NDArray[np.float32]) -> NDArra
     return np.where(blind, np.float32(BLIND_WIDTH_MM), wide) if blind.any() else wide
 
 
-def _neighbours(pixels: Ints, among: Ints, shape: tuple[int, int]) -> Ints:
-    """Return where the 3 x 3 around each pixel, on the border the nearest, stand among others.
+@dataclass(frozen=True)
+class Beside:
+    """Where the 3 x 3 around pixels of an image stand among others, all of them among these.
 
-    Among these are all neighbours, so that runs of a row are as long there: their first pixels
-    alone are looked for.
-
-    Returns
-    -------
-    ndarray of int64, shape (3, 3, n)
+    Attributes
+    ----------
+    above, middle, below : ndarray of int64, shape (n,)
+        Places of the pixels above, of themselves, and of those below, on the border the nearest.
+    left, right : ndarray of bool, shape (n,)
+        Whether there is one to the left, and to the right: each is next to the pixel itself.
     """
-    rows, columns = shape
-    row, column = np.divmod(pixels, columns)
-    begin = np.flatnonzero((np.diff(pixels, prepend=-2) != 1) | (column == 0))
-    length = np.diff(begin, append=len(pixels))
-    found = np.empty((3, 3, len(pixels)), np.int64)
-    for step, line in zip((-1, 0, 1), found, strict=True):
-        first = np.clip(row[begin] + step, 0, rows - 1) * columns + column[begin]
-        line[1] = pixels_of(np.searchsorted(among, first), length)
-        line[0] = line[1] - (column > 0)
-        line[2] = line[1] + (column < columns - 1)
-    return found
+
+    above: Ints
+    middle: Ints
+    below: Ints
+    left: Mask
+    right: Mask
+
+    @classmethod
+    def of(cls, pixels: Ints, among: Ints, shape: tuple[int, int]) -> Beside:
+        """Look them up.
+
+        Runs of a row are as long among the others: their first pixels alone are looked for.
+
+        Parameters
+        ----------
+        pixels, among : ndarray of int64
+            Flat indices, ascending, none twice.
+        shape : tuple of int
+            Rows and columns of the image.
+        """
+        rows, columns = shape
+        row, column = np.divmod(pixels, columns)
+        begin = np.flatnonzero((np.diff(pixels, prepend=-2) != 1) | (column == 0))
+        length = np.diff(begin, append=len(pixels))
+        lines = []
+        for step in (-1, 0, 1):
+            first = np.clip(row[begin] + step, 0, rows - 1) * columns + column[begin]
+            lines.append(pixels_of(np.searchsorted(among, first), length))
+        return cls(lines[0], lines[1], lines[2], column > 0, column < columns - 1)
+
+    @property
+    def places(self) -> Ints:
+        """Of the 3 x 3, shape (3, 3, n)."""
+        lines = np.stack([self.above, self.middle, self.below])
+        return np.stack([lines - self.left, lines, lines + self.right], axis=1)
+
+    @property
+    def across(self) -> Mask:
+        """Which have neighbours on both sides, shape (n, 1)."""
+        return (self.left & self.right)[:, None]
+
+    @property
+    def down(self) -> Mask:
+        """Which have neighbours above and below, shape (n, 1)."""
+        found: Mask = (self.above != self.middle) & (self.below != self.middle)
+        return found[:, None]
 
 
 def counted(refined: Mapping[int, int]) -> dict[str, int]:

@@ -53,8 +53,20 @@ class Frames:
         >>> Frames.of(station).middle.tolist()  # the camera looks at what was 2 mm to the left
         [-2.0, 0.0, 0.0]
         """
-        h = np.array([0.0, 0.0, station.camera.height_mm])
-        part, camera = station.part.pose or _NONE, station.camera.pose or _NONE
+        return cls.between(station.part.pose, station.camera.pose, station.camera.height_mm)
+
+    @classmethod
+    def between(cls, part: Pose | None, camera: Pose | None, height_mm: float) -> Frames:
+        """Work them out from the poses themselves.
+
+        Parameters
+        ----------
+        part, camera : Pose or None
+        height_mm : float
+            From the camera's pupil to its plane in focus.
+        """
+        h = np.array([0.0, 0.0, height_mm])
+        part, camera = part or _NONE, camera or _NONE
         turn, origin = np.array(part.axes), np.array(part.shift_mm)
         axes = np.array(camera.axes)
         middle = h + np.array(camera.shift_mm) - axes @ h

@@ -9,6 +9,9 @@ from tolerances import LEFT_AT_ONE_FOOTPRINT_DN, REFINED_MAX_DN, REFINED_RMS_DN
 
 from gpuspec.light.constants import AT_LOSS, NO_PIXEL
 from gpuspec.light.levels import Zones, levels_of
+from gpuspec.light.light_map import LightMap
+from gpuspec.light.opencl import OpenCLBackend
+from gpuspec.light.opencl_device import POCL
 from gpuspec.light.refinement import SIDES, Neighbourhood, sides_needed
 
 DEFECTS = [
@@ -32,6 +35,10 @@ SCENES = {
     "edges of loss": {"tunnel.length_mm": 5.0, "tunnel.opening_length_mm": 1.0,
                       "tunnel.opening_width_mm": 2.0},
 }  # fmt: skip
+
+
+ROWS = {"trace", "trace_listed", "trace_sub_rays", "aspect", "image_at", "noisy_mean"}
+"""Kernels whose groups divide a row: of few lengths in lists, and of one in images."""
 
 
 def scene(**changes):
@@ -66,6 +73,75 @@ def test_a_single_pixel_needs_what_it_does_in_the_image(opencl):
         assert len(around.pixels) <= 25 * len(own)
         found = around.sides_needed(light.flat[around.pixels], wide.flat[around.pixels])
         assert np.array_equal(found, needed.flat[own])
+
+
+@pytest.mark.parametrize("changes", SCENES.values(), ids=SCENES)
+def test_a_device_tells_of_lists_what_it_does_of_the_image(opencl, changes):
+    station = scene(**changes, camera__subsampling=1)
+    needed, _ = needed_on_host(opencl, station)
+    random = np.random.default_rng(2)
+    every = np.arange(needed.size)
+    border = np.zeros(needed.shape, bool)
+    border[[0, 1, -2, -1]] = border[:, [0, 1, -2, -1]] = True
+    for own in (every, np.flatnonzero(border), every[random.random(len(every)) < 0.1], every[:0]):
+        around = Neighbourhood(own, needed.shape)
+        # Anywhere in the list, and others among them.
+        pixels = np.append(around.pixels, random.integers(0, needed.size, 37)).astype(np.uint32)
+        order = random.permutation(len(pixels))
+        places = np.argsort(order)[: len(around.pixels)]
+        light_map = opencl.trace(station, pixels=pixels[order])
+        found = light_map.sides_beside(around, places)
+        assert np.array_equal(found, needed.flat[own])
+        assert np.array_equal(found, LightMap.sides_beside(light_map, around, places))
+
+
+@pytest.mark.parametrize("memory_bytes", [None, 20_000])
+def test_a_list_without_some_pixels_sees_the_others(memory_bytes):
+    backend = OpenCLBackend(memory_bytes=memory_bytes)
+    station = scene(camera__subsampling=1, sensor__black_level_dn=9)
+    pixels = np.random.default_rng(3).permutation(np.prod(station.shape)).astype(np.uint32)
+    light_map = backend.trace(station, pixels=pixels)
+    before = light_map.aspect()[0]
+    gone = np.arange(0, len(pixels), 7, dtype=np.uint32)
+    fewer = backend.without(light_map, gone)
+    left = np.ones(len(pixels), bool)
+    left[gone] = False
+    assert (fewer.tiles > 1) == (memory_bytes is not None)
+    assert np.array_equal(fewer.pixels == NO_PIXEL, ~left)
+    assert np.array_equal(fewer.aspect()[0, left], before[left])
+    assert not fewer.read().irradiance[0, 0, gone].any()
+
+
+def test_numbers_of_pixels_build_no_kernels_anew(opencl, monkeypatch):
+    # PoCL compiles a kernel for every number of work-items in a group.
+    groups = set()
+    real = opencl.kernel
+
+    class Watched:
+        def __init__(self, file, name):
+            self.name, self.kernel = name, real(file, name)
+
+        def __call__(self, queue, size, group, *arguments, **more):
+            left_to_it = group is None and POCL in opencl.device.platform.name
+            groups.add((self.name, size if left_to_it else group))
+            return self.kernel(queue, size, group, *arguments, **more)
+
+        def __getattr__(self, name):
+            return getattr(self.kernel, name)
+
+    monkeypatch.setattr(opencl, "kernel", Watched)
+
+    def count(columns):
+        station = scene(camera__columns=columns, camera__subsampling="auto", sensor__noise=True)
+        light_map = opencl.trace(station)
+        every = Zones.of(np.ones(station.shape, np.int32), np.ones(station.shape, bool), 1)
+        light_map.counter(every).count([station])
+        return {(name, group) for name, group in groups if name not in ROWS}
+
+    assert count(61) == count(62) == count(79)
+    assert {"sides_needed", "gather_pixels", "pixel_normals", "count_refined"} <= {
+        name for name, _ in groups
+    }
 
 
 @pytest.mark.parametrize("changes", [SCENES["ceiling"], SCENES["height in a box"]])

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from gpuspec.arrays import BESIDE, Lost, Mask
 from gpuspec.light.constants import AT_LOSS, NO_PIXEL
 from gpuspec.light.levels import Pixels, Sample, Zones
-from gpuspec.light.light_map import LightMapArrays
+from gpuspec.light.light_map import LightMap
 from gpuspec.light.refined_levels import Roles
-from gpuspec.light.refinement import ACROSS, Neighbourhood, bend_of, by_cut
+from gpuspec.light.refinement import ACROSS, Neighbourhood, by_cut
 from gpuspec.part.crossings import Crossings
 from gpuspec.part.edges import cut_at_border
 from gpuspec.part.grooves import Grooves, by_block
@@ -48,8 +48,6 @@ class Refinable:
         Places of the neighbourhood's pixels, likewise.
     end : int
         From which place on there are but neighbours.
-    bend : float
-        See :func:`gpuspec.light.refinement.bend_of`.
     crossings : Crossings
         Of these pixels, in the order of `own`.
     cut : ndarray of bool
@@ -61,21 +59,20 @@ class Refinable:
     order: NDArray[np.intp]
     known: Ints
     end: int
-    bend: float
     crossings: Crossings
     cut: Mask
 
-    def places(self, arrays: LightMapArrays) -> dict[int, Pixels]:
+    def places(self, light_map: LightMap) -> dict[int, Pixels]:
         """Return the places of the pixels that are refined, by how they are cut.
 
         Parameters
         ----------
-        arrays : LightMapArrays
+        light_map : LightMap
             Of the list, one footprint per pixel.
         """
-        light, wide = (plane[0, 0, self.known] for plane in (arrays.light_mm, arrays.wide_mm))
-        order, sides = self.order, self.around.sides_needed(light, wide, self.bend)
+        sides = light_map.sides_beside(self.around, self.known)
         sides[self.cut] = AT_LOSS
+        order = self.order[sides[self.order] != 1]
         found = by_cut(sides[order], lambda some: self.crossings.at(order[some]))
         return {cut: self.own[order[some]].astype(np.uint32) for cut, some in found.items()}
 
@@ -267,7 +264,6 @@ def _refinable(listing: Listing, station: Station, relief: Relief) -> Listing:
             by_block(own, station.shape),
             known,
             len(listing.pixels),
-            bend_of(station.camera),
             Crossings(station, relief, own),
             np.isin(own, cut_at_border(relief.edges, station), assume_unique=True),
         ),

@@ -358,13 +358,7 @@ class Screen:
         else:
             bounds, noise = flawless.bounds(station, self.crowd), flawless.noise
         sample = self.listing.sample(bounds)
-        finer: dict[int, Pixels] = {}
-        if refinable is None:
-            lost = base.lost()
-        else:
-            arrays = base.read()
-            lost = arrays.lost
-            finer = refinable.places(arrays)
+        lost, finer = base.lost(), refinable.places(base) if refinable else {}
         counter: LevelCounter
         if not finer:
             counter = base.counter(zones, sample)
@@ -374,7 +368,9 @@ class Screen:
                 for cut, own in finer.items()
             ]
             lists, places = base.together(parts), np.concatenate(list(finer.values()))
-            counter = RefinedCounter(base, lists, places, None, zones, sample, self.listing.roles)
+            sets = self.listing.roles.sets(places)
+            one = backend.without(base, places).counter(zones, sample)
+            counter = RefinedCounter(one, sets, lists.counter(sets))
             lost.flat[places] = lists.each(lambda part: part.lost())  # waits for the device
         losses = self.listing.losses(lost) if first else None
         notes = () if losses is None else tuple(of_losses(station, losses))
