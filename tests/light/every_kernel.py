@@ -13,8 +13,10 @@ import numpy as np
 
 from gpuspec.light import opencl_device
 from gpuspec.light.levels import Sample, Zones, levels_of
-from gpuspec.light.light_map import has_noisy_form
+from gpuspec.light.light_map import LightMap, has_noisy_form
 from gpuspec.light.opencl import OpenCLBackend
+from gpuspec.light.refined import with_cut
+from gpuspec.light.refinement import Neighbourhood
 from gpuspec.part.maps import TopographyMap
 from gpuspec.part.relief import Relief
 from gpuspec.part.truth import Truth
@@ -113,6 +115,11 @@ def run(device: Counting, station: Station, relief: Relief) -> None:
         for counts in (whole, part):
             assert np.array_equal(counts.inside[:1], expected.inside)
             assert np.array_equal(counts.peaks[:1], expected.peaks)
+    listed = device.traced(with_cut(station, 1), relief, pixels)
+    around = Neighbourhood(pixels.astype(np.int64), station.shape)
+    sides = listed.sides_beside(around, pixels.astype(np.int64))
+    assert np.array_equal(sides, LightMap.sides_beside(listed, around, pixels.astype(np.int64)))
+    assert not device.without(listed, pixels[::3]).read().irradiance[0, 0, ::3].any()
 
 
 def seed_fault(old: str, new: str) -> None:
