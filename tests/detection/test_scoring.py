@@ -85,6 +85,7 @@ def test_an_unseen_defect_counts_and_is_not_hit() -> None:
     assert (s.defects, s.defects_hit, s.unseen) == (3, 1, 2)
     assert (s.p2, s.defect_zone_px) == (1, (4, 0, 0))
     assert "1 of 3 defects hit (2 unseen)" in s.summary
+    assert s.hits == ("1 of 3", "2 without a pixel in the image")
     none_seen = score(NOTHING, TRUTH, TRUTH == 0, 2)
     assert (none_seen.p2, none_seen.unseen) == (None, 2)
     assert "no defect's zone has a pixel in the image" in none_seen.summary
