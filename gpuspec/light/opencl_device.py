@@ -314,11 +314,12 @@ class OpenCLDevice:
         offset : tuple of int, optional
             Number of the first work-item; None: 0.
         group : tuple of int, optional
-            Work-items of a group; None: the driver's choice, but for PoCL's.
+            Work-items of a group; None: one, where they are vectors, for a CPU's driver gives each
+            a stack of its own; else the driver's choice, but for PoCL's.
         """
-        if group is None and self._compiles_anew:
-            alone = self.widths[file] > 1
-            group = (1 if alone else _dividing(size[0]), *(1,) * (len(size) - 1))
+        vectors = self.widths[file] > 1
+        if group is None and (vectors or self._compiles_anew):
+            group = (1 if vectors else _dividing(size[0]), *(1,) * (len(size) - 1))
         with self._lock:  # a kernel holds its arguments until it is started, for all threads
             self.kernel(file, name)(self.queue, size, group, *arguments, global_offset=offset)
 

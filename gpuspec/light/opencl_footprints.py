@@ -215,7 +215,7 @@ class Tables:
             b.start(
                 "footprints.cl", kernel, (some.stop - some.start,), *buffers, *tile.planes,
                 np.int32(rays), np.uint32(size), np.uint32(at), *map(np.float32, more),
-                offset=(some.start,), group=_group(width),
+                offset=(some.start,),
             )  # fmt: skip
 
     def at(self, places: Ints) -> list[Any]:
@@ -263,7 +263,7 @@ class Tables:
                 b.start(
                     "lookup.cl", kernel, (some.stop - some.start,), out, np.uint32(places),
                     *batch.given, own, *table, design, gains, count, *more,
-                    offset=(some.start,), group=_group(width),
+                    offset=(some.start,),
                 )  # fmt: skip
 
     def planes(
@@ -359,8 +359,3 @@ def _by_rays(part: Any, far: Ints) -> Iterator[tuple[Any, NDArray[np.uint32], In
     places.flat[: len(far)] = far
     for tile, rows in light_map.bands():
         yield tile, numbers[rows].ravel(), places[rows].ravel()
-
-
-def _group(width: int) -> tuple[int, ...] | None:
-    """Return how many work-items a group has: a CPU's driver gives each a stack of its own."""
-    return (1,) if width > 1 else None

@@ -278,7 +278,7 @@ class OpenCLCounter:
             zones = some.stop - some.start
             b.start(
                 "sweep.cl", kernel, (count, zones), buffer, *arguments,
-                offset=(0, some.start), group=(1, 1) if width > 1 else None,
+                offset=(0, some.start),
             )  # fmt: skip
             lanes = np.empty((count, zones, width), np.float32)
             last = some.stop == len(work)
