@@ -12,6 +12,7 @@ from gpuspec.light.levels import Zones, levels_of
 from gpuspec.light.light_map import LightMap
 from gpuspec.light.opencl import OpenCLBackend
 from gpuspec.light.opencl_device import POCL
+from gpuspec.light.opencl_refinement import Surroundings
 from gpuspec.light.refinement import SIDES, Neighbourhood, sides_needed
 
 DEFECTS = [
@@ -93,6 +94,18 @@ def test_a_device_tells_of_lists_what_it_does_of_the_image(opencl, changes):
         found = light_map.sides_beside(around, places)
         assert np.array_equal(found, needed.flat[own])
         assert np.array_equal(found, LightMap.sides_beside(light_map, around, places))
+
+
+@pytest.mark.parametrize("shape", [(3, 3), (5, 40), (21, 17)])
+def test_a_device_tells_of_any_light_what_the_host_does_borders_included(opencl, shape):
+    random = np.random.default_rng(4)
+    around = Neighbourhood(np.arange(np.prod(shape)), shape)
+    light, wide = random.uniform(0.0, 2.0, (2, *shape)).astype(np.float32)
+    every = np.arange(light.size)
+    told = Surroundings(opencl, around, every)
+    found = told.sides_needed(opencl.kept(light), opencl.kept(wide), 0.2)
+    assert np.array_equal(found, sides_needed(light, wide, 0.2).ravel())
+    assert found.max() > 1
 
 
 @pytest.mark.parametrize("memory_bytes", [None, 20_000])
