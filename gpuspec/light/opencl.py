@@ -324,7 +324,7 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
             chosen = np.pad(places, (0, -len(places) % b.width), mode="edge")
             b.start(
                 "refine.cl", "put_out", (len(chosen),), self._kept[0].planes[3],
-                b.constant(chosen), group=b.side_by_side,
+                b.constant(chosen),
             )  # fmt: skip
         return fewer
 

@@ -24,7 +24,6 @@ INSTALL = (
     "(Debian, Ubuntu)"
 )
 INTEL = "Intel(R) OpenCL"
-POCL = "Portable Computing Language"
 
 VECTORS = (16, 8)
 """Pixels of a REAL where it is a vector, the first with AVX-512; rows are padded to whole ones."""
@@ -51,10 +50,6 @@ _SHORT = 1 / 64
 # uses now, whatever was asked for before.
 _ROUNDED, _UNUSED = 1 / 8, 1 / 16
 
-# PoCL's own choice is all work-items at once, if they are not too many, and it compiles anew for
-# every number of them, a third of a second each. Vectors are given alone, others in few numbers.
-_ITEMS_MAX = 64
-
 LOCAL_BYTES_MIN = 2048
 """Local memory that counting levels takes at least: one set of counters, and some to spare."""
 
@@ -68,6 +63,7 @@ def devices() -> list[Any]:
         If pyopencl or every platform is missing.
     """
     cache.lend()
+    pocl.compile_once()
     try:
         import pyopencl as cl
     except ImportError as error:
@@ -159,7 +155,6 @@ class OpenCLDevice:
         lacking = lack(self.device)
         if lacking:
             raise DeviceError(f"opencl: {self.info.device} {lacking}.")
-        self._compiles_anew = POCL in self.device.platform.name
         self._lock = RLock()
         self._work: dict[str, float] = {}
         self.settle({})
@@ -181,11 +176,6 @@ class OpenCLDevice:
     def width(self) -> int:
         """The widest REAL of all kernels, of which rows hold a whole number."""
         return max(self.widths.values())
-
-    @property
-    def side_by_side(self) -> tuple[int, ...] | None:
-        """The group of a kernel whose work-items are single pixels, a whole number of vectors."""
-        return (self.width,) if self.width > 1 else None
 
     def kernel(self, file: str, name: str) -> Any:
         """Return a kernel of `kernels/`, its file built when first asked for.
@@ -315,11 +305,10 @@ class OpenCLDevice:
             Number of the first work-item; None: 0.
         group : tuple of int, optional
             Work-items of a group; None: one, where they are vectors, for a CPU's driver gives each
-            a stack of its own; else the driver's choice, but for PoCL's.
+            a stack of its own; else the driver's choice.
         """
-        vectors = self.widths[file] > 1
-        if group is None and (vectors or self._compiles_anew):
-            group = (1 if vectors else _dividing(size[0]), *(1,) * (len(size) - 1))
+        if group is None and self.widths[file] > 1:
+            group = (1,) * len(size)
         with self._lock:  # a kernel holds its arguments until it is started, for all threads
             self.kernel(file, name)(self.queue, size, group, *arguments, global_offset=offset)
 
@@ -387,8 +376,3 @@ class OpenCLDevice:
             raise failure(self.info, error, memory=True) from None
         except self.cl.Error as error:
             raise failure(self.info, error) from None
-
-
-def _dividing(items: int) -> int:
-    """Return the largest power of two that divides a number of work-items, up to ``_ITEMS_MAX``."""
-    return min(items & -items, _ITEMS_MAX)

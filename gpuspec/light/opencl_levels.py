@@ -316,7 +316,7 @@ class OpenCLCounter:
             for plane, of, blank in zip(planes, tile.planes, BLIND, strict=True):
                 b.start(
                     "sweep.cl", "gather_pixels", (len(pixels),), plane, of, chosen,
-                    np.int32(rows.start == 0), np.float32(blank), group=b.side_by_side,
+                    np.int32(rows.start == 0), np.float32(blank),
                 )  # fmt: skip
         return _PixelSet(planes, 0, len(pixels), partial(_numbers, self._map, pixels))
 

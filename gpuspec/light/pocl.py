@@ -1,4 +1,4 @@
-"""PoCL as pip installs it, on a CPU newer than its compiler: it gets the name of an older one.
+"""PoCL, told what it does not know: to compile once, and the name of a CPU newer than it is.
 
 The wheel's LLVM 14 calls a CPU that it does not know `generic`, which its own clang then refuses
 ("unknown target CPU 'generic'": pocl issues 512 and 1049). No build flag changes that, and there is
@@ -19,6 +19,7 @@ REPAIRED = "OpenCL 3.0 PoCL 3.0-rc2  Linux, Release, RELOC, LLVM 14.0.6, SLEEF, 
 SWITCH = "GPUSPEC_POCL_CPU"
 """Environment variable: a CPU's name as LLVM has it, to be taken in place of `generic`; "off"."""
 
+_SPECIALISED = "POCL_WORK_GROUP_SPECIALIZATION"
 _TRIPLE = b"x86_64-unknown-linux-gnu"
 _UNKNOWN = b"generic"
 _TRIPLE_WORD, _CPU_WORD = 79, 80  # eight-byte words from the start of struct _cl_device_id
@@ -34,6 +35,16 @@ _NAMES = (
 )
 
 _kept: list[Any] = []  # the device points into these strings for as long as the process lives
+
+
+def compile_once() -> None:
+    """Let PoCL compile a kernel once, and not anew for every number of work-items in a group.
+
+    Each takes it a third of a second or more, for every width of an image and every length of a
+    list; what it gains by it is within the noise of measurement. Call it before PoCL is asked for
+    its platform; the user's own word on it counts.
+    """
+    os.environ.setdefault(_SPECIALISED, "0")
 
 
 def repair(device: Any) -> None:

@@ -11,7 +11,6 @@ from gpuspec.light.constants import AT_LOSS, NO_PIXEL
 from gpuspec.light.levels import Zones, levels_of
 from gpuspec.light.light_map import LightMap
 from gpuspec.light.opencl import OpenCLBackend
-from gpuspec.light.opencl_device import POCL
 from gpuspec.light.opencl_refinement import Surroundings
 from gpuspec.light.refinement import SIDES, Neighbourhood, sides_needed
 
@@ -36,10 +35,6 @@ SCENES = {
     "edges of loss": {"tunnel.length_mm": 5.0, "tunnel.opening_length_mm": 1.0,
                       "tunnel.opening_width_mm": 2.0},
 }  # fmt: skip
-
-
-ROWS = {"trace", "trace_listed", "trace_sub_rays", "aspect", "image_at", "noisy_mean"}
-"""Kernels whose groups divide a row: of few lengths in lists, and of one in images."""
 
 
 def scene(**changes):
@@ -123,38 +118,6 @@ def test_a_list_without_some_pixels_sees_the_others(memory_bytes):
     assert np.array_equal(fewer.pixels == NO_PIXEL, ~left)
     assert np.array_equal(fewer.aspect()[0, left], before[left])
     assert not fewer.read().irradiance[0, 0, gone].any()
-
-
-def test_numbers_of_pixels_build_no_kernels_anew(opencl, monkeypatch):
-    # PoCL compiles a kernel for every number of work-items in a group.
-    groups = set()
-    real = opencl.kernel
-
-    class Watched:
-        def __init__(self, file, name):
-            self.name, self.kernel = name, real(file, name)
-
-        def __call__(self, queue, size, group, *arguments, **more):
-            left_to_it = group is None and POCL in opencl.device.platform.name
-            groups.add((self.name, size if left_to_it else group))
-            return self.kernel(queue, size, group, *arguments, **more)
-
-        def __getattr__(self, name):
-            return getattr(self.kernel, name)
-
-    monkeypatch.setattr(opencl, "kernel", Watched)
-
-    def count(columns):
-        station = scene(camera__columns=columns, camera__subsampling="auto", sensor__noise=True)
-        light_map = opencl.trace(station)
-        every = Zones.of(np.ones(station.shape, np.int32), np.ones(station.shape, bool), 1)
-        light_map.counter(every).count([station])
-        return {(name, group) for name, group in groups if name not in ROWS}
-
-    assert count(61) == count(62) == count(79)
-    assert {"sides_needed", "gather_pixels", "pixel_normals", "count_refined"} <= {
-        name for name, _ in groups
-    }
 
 
 @pytest.mark.parametrize("changes", [SCENES["ceiling"], SCENES["height in a box"]])
