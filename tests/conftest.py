@@ -68,8 +68,17 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Without a driver the tests of its backend are skipped, or fail where none may be absent."""
+LONGEST = ("test_readme.py", "test_machines.py")
+"""Files of some minutes each: what sets up environments, and runs every command of the chapters."""
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Workers begin with what takes longest, so that the others fill up the time beside it.
+
+    Without a driver the tests of its backend are skipped, or fail where none may be absent.
+    """
+    if hasattr(config, "workerinput"):
+        items.sort(key=lambda item: item.path.name not in LONGEST)
     if os.environ.get("GPUSPEC_NO_SKIPS"):
         return
     for name in ("opengl", "vulkan"):

@@ -303,8 +303,8 @@ def test_it_finds_the_top_of_a_known_smooth_hill_in_a_hundredth_of_a_grid(plan):
 def test_it_finds_the_known_optimum_of_a_station_in_a_hundredth_of_its_grid(opencl):
     """More electrons, more images, less read noise and no leak are better, with noise in between.
 
-    All 10,000 designs of a grid are tried; its best is that corner. A search of 100 trials finds
-    at least as good a design.
+    Every seventh of a grid's 10,000 designs is tried; the best is that corner. A search of 100
+    trials finds at least as good a design.
     """
     dents = {"kind": "dent", "count": 4, "seed": 1, "diameter_mm": [0.5, 1.2], "depth_um": [2, 6]}
     station = Station.from_dict({
@@ -318,17 +318,19 @@ def test_it_finds_the_known_optimum_of_a_station_in_a_hundredth_of_its_grid(open
             "sequence.images": "4:22:10", "tunnel.dark_leak": "0:0.36:10"}  # fmt: skip
     rule = Rule("f1", p2_floor=0.0, hit_share=0.0)
     whole = Plan.of(station, grid)
-    table = Bench(whole, opencl).rows(range(whole.designs), sampled=False)
-    p1, p2 = curves(table, "p1"), curves(table, "p2")
-    highest = f1_of(p1, p2).max(axis=1)
-    # One draw of the noise is all that tells them apart: the best of all is 0.0004 above it.
+    # One draw of the noise is all that tells them apart: of all the best is 0.0004 above it.
     corner = {
         "sensor.saturation_e": 1000.0, "sensor.read_noise_e": 10.0, "sequence.images": 22,
         "tunnel.dark_leak": 0.0,
     }  # fmt: skip
     (number,) = [i for i in range(whole.designs) if whole.values(i) == corner]
-    assert highest[number] >= highest.max() - 0.001
-    assert np.count_nonzero(highest > highest[number]) < 10
+    tried_ones = sorted({number, *range(0, whole.designs, 7)})
+    table = Bench(whole, opencl).rows(tried_ones, sampled=False)
+    p1, p2 = curves(table, "p1"), curves(table, "p2")
+    highest = f1_of(p1, p2).max(axis=1)
+    at_corner = highest[tried_ones.index(number)]
+    assert at_corner >= highest.max() - 0.001
+    assert np.count_nonzero(highest > at_corner) < 2
     bounded, parts, reached = plan_of(station, grid), Parts(opencl, 1, 0), 0
     for seed in range(8):
         search = Search(bounded.axes, rule, seed)
