@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import scipy  # whose modules are imported when they are used
 from numpy.typing import NDArray
-from scipy import ndimage
-from skimage.filters import threshold_otsu
 
 from gpuspec.arrays import Mask
 from gpuspec.errors import FrameError
@@ -46,12 +45,14 @@ def lit_region(modulation: NDArray[np.floating[Any]], margin_px: float | None = 
     >>> int(lit_region(modulation, 5).sum())
     600
     """
+    from skimage.filters import threshold_otsu  # slow to import
+
     if not np.ptp(modulation) > 0:
         raise FrameError("the light changes nowhere over the sequence; name a region instead.")
     level = float(threshold_otsu(modulation))  # type: ignore[no-untyped-call]
     whole = largest(modulation > level)
     margin = min(modulation.shape) / _MARGIN if margin_px is None else margin_px
-    inside: Mask = ndimage.distance_transform_edt(np.pad(whole, 1))[1:-1, 1:-1] > margin
+    inside: Mask = scipy.ndimage.distance_transform_edt(np.pad(whole, 1))[1:-1, 1:-1] > margin
     if not inside.any():
         raise FrameError(
             f"nothing is left of the lit region within its margin of {margin:g} px; give a smaller "
@@ -74,8 +75,8 @@ def largest(mask: Mask, among: Mask | None = None) -> Mask:
     -------
     ndarray of bool, shape (M, N)
     """
-    labels, _ = ndimage.label(mask)
+    labels, _ = scipy.ndimage.label(mask)
     told = labels.ravel() if among is None else labels[among]
     counts = np.bincount(told, minlength=2)
-    whole: Mask = ndimage.binary_fill_holes(labels == 1 + int(counts[1:].argmax()))
+    whole: Mask = scipy.ndimage.binary_fill_holes(labels == 1 + int(counts[1:].argmax()))
     return whole

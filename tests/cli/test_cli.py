@@ -133,17 +133,32 @@ def test_no_line_of_the_commands_is_cut_off_at_80_columns(gpuspec_, group, monke
     assert all(len(line) <= 80 for line in shown.splitlines())
 
 
-def test_help_starts_without_the_libraries_that_simulate(folder):
-    heavy = ["numpy", "scipy", "skimage", "matplotlib", "pyopencl", "tifffile", "pydantic", "PIL"]
-    code = f"import sys, gpuspec.cli.main; print([n for n in {heavy} if n in sys.modules])"
+SLOW = [
+    "scipy.ndimage",
+    "scipy.optimize",
+    "scipy.special",
+    "skimage",
+    "matplotlib",
+    "PIL",
+    "pyarrow",
+]
+"""Libraries, or parts of them, that a tenth of a second or more goes into."""
+
+
+@pytest.mark.parametrize(
+    ("work", "unused"),
+    [
+        ("import gpuspec.cli.main", ["numpy", "scipy", "pyopencl", "tifffile", "pydantic", *SLOW]),
+        ("import gpuspec; gpuspec.simulate('s.toml')", SLOW),
+    ],
+    ids=["help", "simulate"],
+)
+def test_nothing_is_imported_that_is_not_used(folder, work, unused):
+    code = f"import sys; {work}; print([name for name in {unused} if name in sys.modules])"
     shown = subprocess.run(
-        [sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        check=True,
-        cwd=folder,
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=folder,
         timeout=DEADLINE_S,
-    )
+    )  # fmt: skip
     assert shown.stdout == "[]\n"
 
 

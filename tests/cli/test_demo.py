@@ -1,4 +1,4 @@
-"""The part that comes with gpuspec, whole, on every backend."""
+"""The part that comes with gpuspec, whole, on every device; NumPy's is in test_machines.py."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ def first(opencl: OpenCLBackend) -> Result:
 
 
 @pytest.mark.slow
-def test_the_demo_part_scores_the_same_on_every_backend(backend: Backend, first: Result):
-    result = simulate(example("trim"), backend)
+def test_the_demo_part_scores_the_same_on_every_device(device_backend: Backend, first: Result):
+    result = simulate(example("trim"), device_backend)
     assert result.threshold == first.threshold
     assert result.score.as_dict() == first.score.as_dict()
     assert result.classes.tolist() == first.classes.tolist()

@@ -362,24 +362,6 @@ def test_pocl_computes_on_the_least_cpu_too_if_without_vectors(tmp_path):
     assert "for x86-64" in ran.out
 
 
-@pytest.mark.slow
-def test_pocl_compiles_a_kernel_once_whatever_the_number_of_pixels(tmp_path, opencl):
-    if not pocl.cpu(opencl.device):
-        pytest.skip("the first OpenCL device is not that of pip's PoCL")
-
-    def kernels(columns: int) -> list[str]:
-        """The kernels there are, once an image of so many columns was made."""
-        done = program(
-            "demo", *QUICK, "--set", f"camera.columns={columns}", cwd=tmp_path,
-            env={"XDG_CACHE_HOME": str(tmp_path)},
-        )  # fmt: skip
-        assert done.code == 0, done.err
-        return sorted(path.name for path in (tmp_path / "pocl").rglob("*.so"))
-
-    first = kernels(397)
-    assert kernels(350) == first != []
-
-
 def test_without_the_repair_the_next_backend_is_taken_and_named(tmp_path):
     ran = program("demo", *QUICK, cwd=tmp_path, env={**UNKNOWN_CPU, pocl.SWITCH: "off"})
     assert ran.code == 0, ran.err
