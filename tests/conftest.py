@@ -68,8 +68,8 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-LONGEST = ("test_readme.py", "test_machines.py")
-"""Files of some minutes each: what sets up environments, and runs every command of the chapters."""
+LONGEST = ("test_machines.py", "test_readme.py", "test_style.py")
+"""Files of a minute or more: environments set up, every command of the chapters, mypy."""
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
