@@ -183,7 +183,7 @@ def added(
         top = int(frame.max())
         lowest, highest = min(lowest, int(frame.min())), max(highest, top)
         fulls = np.array([np.count_nonzero(frame == 2**depth - 1) if 2**depth - 1 <= top else 0
-                          for depth in DEPTHS if depth <= bits])  # fmt: skip
+                          for depth in DEPTHS])  # fmt: skip
         rows.append((source, float(frame.mean()), frame.size, fulls))
     if not rows:
         raise FrameError("no frame was given; the camera gave none.")

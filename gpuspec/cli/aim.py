@@ -67,6 +67,7 @@ def asked(
     from gpuspec.errors import StationError
     from gpuspec.sweeps.aim import Aim, is_requirement
     from gpuspec.sweeps.measures import measure
+    from gpuspec.sweeps.rule import Rule
 
     folders = [text for text in given if not is_requirement(text)]
     required = [*(require or ()), *(text for text in given if is_requirement(text))]
@@ -76,8 +77,11 @@ def asked(
             f'<= or >=, e.g. --require "hits = all".'
         )
     place = Path(folders[0])
-    if goal in RULES and not required and over is None and min_area_mm2 is None:
-        return place, None
+    if goal in RULES and not required:
+        if over is None and min_area_mm2 is None:
+            return place, None
+        if over is None or goal is not None:  # the paper's rule stays, whatever is measured
+            goal, required = goal or "paper", ["hits = all", f"p2 >= {Rule().p2_floor:g}"]
     names: tuple[str, ...] | None = None
     if over is not None:
         names = tuple(name.strip() for name in over.split(","))

@@ -251,8 +251,10 @@ class TrialBench:
             How many defects may be near.
         """
         station, threshold = self._station(number), self._held(number).inspection.threshold
-        # Of a part's own relief no shape tells, and lists alone have a ceiling.
-        if not (self.backend.screens and in_closed_form(station)) or station.part.uneven:
+        # No shape tells of a part's own relief, nor of a posed part; lists alone have a ceiling.
+        if not (self.backend.screens and in_closed_form(station)):
+            return False
+        if station.part.uneven or station.posed:
             return False
         bounds = self._flawless(number).bounds(station, crowded)
         pixels = np.full(16, NO_PIXEL, np.uint32)

@@ -174,8 +174,7 @@ def inspect(
     """
     if not valid.any():
         raise StationError(
-            f"{station.file}: no pixel of the image sees the part; check part.length_mm, "
-            f"part.width_mm and camera.sampling_mm."
+            f"{station.file}: no pixel of the image sees the part; check {station.seen_by}."
         )
     rule = station.segmentation
     sampling = station.camera.sampling_mm

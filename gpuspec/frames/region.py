@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from gpuspec.arrays import Mask
 from gpuspec.errors import FrameError
 
+_ALIKE = 0.5
+"""Share of the grey levels' change where the light passes, above which the rest changes as much."""
+
 _MARGIN = 64
 """What part of a frame's smaller side is left at the region's edge, where mounts glare."""
 
@@ -19,7 +22,8 @@ def lit_region(modulation: NDArray[np.floating[Any]], margin_px: float | None = 
     """Return the largest region over which the light passes, less a margin.
 
     A pixel belongs to it if its grey level changes over the sequence by more than Otsu's threshold
-    over the frame; holes in it, scratches and dust, belong to it too.
+    over the frame, or at all where both sides of that change much alike; holes in it, scratches and
+    dust, belong to it too.
 
     Parameters
     ----------
@@ -47,9 +51,12 @@ def lit_region(modulation: NDArray[np.floating[Any]], margin_px: float | None = 
     """
     from skimage.filters import threshold_otsu  # slow to import
 
-    if not np.ptp(modulation) > 0:
+    if not modulation.max(initial=0) > 0:
         raise FrameError("the light changes nowhere over the sequence; name a region instead.")
     level = float(threshold_otsu(modulation))  # type: ignore[no-untyped-call]
+    more, less = modulation[modulation > level], modulation[modulation <= level]
+    if not more.size or (less.size and less.mean() > _ALIKE * more.mean()):
+        level = 0.0  # no two kinds of pixel: the light passes over all of them
     whole = largest(modulation > level)
     margin = min(modulation.shape) / _MARGIN if margin_px is None else margin_px
     inside: Mask = scipy.ndimage.distance_transform_edt(np.pad(whole, 1))[1:-1, 1:-1] > margin

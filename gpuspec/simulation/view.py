@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpuspec.part.pose import Frames
+from gpuspec.part.shape import shape_of
+from gpuspec.part.view import seen_at, surface_points
 from gpuspec.station.optics import (
     FOLLOWS,
     depth_of_field_mm,
@@ -15,6 +17,8 @@ from gpuspec.station.optics import (
     magnification,
 )
 from gpuspec.station.station import Station
+
+_PLACES = 17  # rows and columns of the image, and of a posed part, at which its distance is asked
 
 
 @dataclass(frozen=True)
@@ -86,8 +90,30 @@ def depth_mm(station: Station) -> tuple[float, float, float]:
     camera, part = station.camera, station.part
     low, high = part.height_range_mm if part.surface == "height" else (0.0, 0.0)
     ends = camera.height_mm - high, camera.height_mm - low
+    if station.posed:
+        ends = _posed_depth_mm(station)
     focus = camera.height_mm if camera.focus_mm is None else camera.focus_mm
     return (*ends, camera.pupil_mm * max(abs(end / focus - 1) for end in ends))
+
+
+def _posed_depth_mm(station: Station) -> tuple[float, float]:
+    """Return how near and how far from the pupil what is seen of a posed station's part is."""
+    part, frames, h = station.part, Frames.of(station), station.camera.height_mm
+    rows, columns = station.shape
+    half = np.array([part.length_mm, part.width_mm]) / 2
+    # What is seen ends where the image does, or where the part does.
+    row, column = (np.linspace(0, size - 1, _PLACES) for size in (rows, columns))
+    points = np.stack(surface_points(station, column, row[:, None]), axis=-1)
+    seen = points[(np.abs(points) <= half).all(axis=-1)]
+    x, y = (np.linspace(-side, side, _PLACES) for side in half)
+    points = np.stack(np.meshgrid(x, y), axis=-1)
+    at = seen_at(points, station)
+    inside = points[((at >= 0) & (at <= [columns, rows])).all(axis=-1)]
+    found = np.concatenate([seen, inside])
+    x, y = (found if len(found) else np.zeros((1, 2))).T
+    z = shape_of(station).height(x, y) if part.surface == "height" else np.zeros(x.shape)
+    depth = h - (np.stack([x, y, z], axis=-1) - frames.middle) @ frames.view[:, 2]
+    return float(depth.min()), float(depth.max())
 
 
 def _posed_view_mm(station: Station) -> tuple[float, float]:

@@ -532,6 +532,12 @@ class Station(Section):
         return any(one.pose is not None and one.pose.moves for one in (self.part, self.camera))
 
     @property
+    def seen_by(self) -> str:
+        """The keys by which the image sees the part, in words."""
+        poses = [f"{name}.pose" for name in ("camera", "part") if getattr(self, name).pose]
+        return ", ".join([*poses, "part.length_mm, part.width_mm and camera.sampling_mm"])
+
+    @property
     def step_mm(self) -> float:
         """Translation of the tunnel between two images."""
         return self.sequence.step_mm or self.tunnel.period_mm / self.sequence.images

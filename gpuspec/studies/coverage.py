@@ -210,8 +210,7 @@ def study(
     read = engine.trace(flawless).read()
     if (read.lost == BESIDE).all():
         raise StationError(
-            f"{station.file}: no pixel of the image sees the part; check part.length_mm, "
-            f"part.width_mm and camera.sampling_mm."
+            f"{station.file}: no pixel of the image sees the part; check {station.seen_by}."
         )
     reach = max(reach_mm(dent, station), 0.0)
     on_light, on_part = (np.full(station.shape, np.nan, np.float32) for _ in range(2))

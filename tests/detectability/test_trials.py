@@ -41,9 +41,13 @@ def whole(station, engine, part, threshold):
 
 
 @pytest.mark.parametrize("noise", [False, True])
-@pytest.mark.parametrize("area_mm2", [0.0, 0.06])
-def test_a_trial_is_what_the_whole_part_tells(station, engine, noise, area_mm2):
-    station = station.replace(sensor__noise=noise, segmentation__min_area_mm2=area_mm2)
+@pytest.mark.parametrize(
+    "changes",
+    [{}, {"segmentation__min_area_mm2": 0.06}, {"part__pose": {"tilt_y_deg": 1.0}}],
+    ids=str,
+)
+def test_a_trial_is_what_the_whole_part_tells(station, engine, noise, changes):
+    station = station.replace(sensor__noise=noise, **changes)
     seen = 0
     for part, row in enumerate(rows(station, engine).to_pylist()):
         scored, aspect, truth = whole(station, engine, part, row["threshold_dn"])

@@ -88,10 +88,16 @@ def test_the_region_of_the_light_is_the_part_without_its_mount_and_its_margin():
     assert np.array_equal(lit_region(modulation), boxed(10, 50, 15, 65))  # 60 / 64: under a pixel
 
 
+@pytest.mark.parametrize("spread", [0.0, 4.0, 20.0])
+def test_where_the_light_passes_over_the_whole_frame_all_of_it_is_the_region(spread):
+    modulation = np.random.default_rng(1).normal(220, spread, SHAPE)
+    assert lit_region(modulation, 0).all()
+
+
 @pytest.mark.parametrize(
     ("modulation", "margin", "words"),
     [
-        (np.full(SHAPE, 5.0), None, "the light changes nowhere"),
+        (np.zeros(SHAPE), None, "the light changes nowhere"),
         (90.0 * boxed(20, 40, 20, 40), 30, "nothing is left of the lit region within its margin"),
     ],
 )

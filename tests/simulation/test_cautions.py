@@ -378,6 +378,33 @@ def test_where_nothing_is_detected_every_line_says_so_in_place(tmp_path, more: d
     assert "precision P1 (overdetection) - (nothing detected), recall" in ran.out
 
 
+def test_what_is_dropped_for_its_size_is_counted_where_it_is_brighter_than_the_surface():
+    dark = one_dent(**{"segmentation.polarity": "dark", "segmentation.threshold": 200.0})
+    said = " ".join(simulate(dark).warnings)
+    assert "nothing is detected" in said
+    assert "blobs smaller" not in said
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"part__sphere_radius_mm": 25.0}, "tilt them less with part.sphere_radius_mm"),
+        ({"part__sphere_radius_mm": -25.0}, "tilt them less with part.sphere_radius_mm"),
+        (
+            {"part__length_mm": 1e5, "camera__sampling_mm": 100.0},
+            "no length catches them all, so look at less of the part",
+        ),
+        (
+            {"part__waviness": {"amplitude_um": 2000.0, "wavelength_mm": 8.0}, "defects": []},
+            "what tilts them so far is the relief: check part.waviness.",
+        ),
+    ],
+    ids=str,
+)
+def test_what_tilts_rays_past_the_tunnels_end_is_named(changes, words):
+    assert words in " ".join(simulate(one_dent(**changes)).warnings)
+
+
 def test_what_is_taken_as_ideal_is_told_apart():
     (said,) = cautions.assumptions(one_dent())
     assert "looks through the tunnel's top as if it were not there" in said

@@ -6,7 +6,7 @@ import pytest
 
 from gpuspec.simulation.cautions.camera import of_camera
 from gpuspec.simulation.cautions.station import assumptions, without_effect
-from gpuspec.simulation.view import facts, view_mm
+from gpuspec.simulation.view import depth_mm, facts, view_mm
 from gpuspec.station.station import Station
 
 SHEET = {"focal_mm": 25.0, "f_number": 8.0, "pixel_um": 3.45, "height_mm": 525.0}
@@ -33,6 +33,24 @@ def test_every_fact_of_the_data_sheet_is_told() -> None:
         "sampling", "pupil", "field", "magnification", "on the sensor", "depth of field", "blur",
         "diffraction", "cone of sight", "opening",
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("pose", "expected"),
+    [
+        ({"part": {"shift_z_mm": 100.0}}, (425.0, 425.0)),
+        ({"camera": {"shift_z_mm": 100.0}}, (625.0, 625.0)),
+        # 100 mm sin 10 degrees farther at one end; at the other, the image ends before the part does.
+        ({"part": {"tilt_y_deg": 10.0}}, (525 - 17.06, 525 + 17.36)),
+    ],
+    ids=str,
+)
+def test_a_posed_part_is_as_far_from_the_pupil_as_its_pose_puts_it(pose, expected) -> None:
+    moved = station().replace(**{f"{name}__pose": one for name, one in pose.items()})
+    nearest, farthest, _ = depth_mm(moved)
+    assert (nearest, farthest) == pytest.approx(expected, abs=0.1)
+    focused = moved.replace(camera__focus_mm=farthest)
+    assert depth_mm(focused)[2] == pytest.approx(3.125 * (1 - nearest / farthest), abs=1e-6)
 
 
 def test_the_cone_of_sight_has_the_pupil_at_its_top_and_the_part_at_its_foot() -> None:

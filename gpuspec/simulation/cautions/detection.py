@@ -77,8 +77,11 @@ def of_detection(
         return [_why_beyond(station, aspect, lit, inspected)]
     if found or not scored.defects:
         return []
+    from gpuspec.detection.inspection import levelled
+
     nothing = "nothing is detected, so that P1 is 1 by definition and says nothing"
-    above = int(np.count_nonzero((aspect > threshold) & valid))
+    held = levelled(aspect, valid, station, lit)
+    above = int(np.count_nonzero((held > threshold) & valid))
     if above:
         return [
             f"{nothing}: all {above:,} pixels above the threshold are in blobs smaller than "

@@ -148,22 +148,25 @@ def _why_lost(station: Station, reason: Lost) -> str:
         return f"it reflects the camera opening of {size[0]:g} x {size[1]:g} mm; {way}."
     posed = [f"{one}.pose" for one in ("part", "camera") if getattr(station, one).pose]
     shape = ["part.mesh"] * (part.mesh is not None) + posed
-    crown = [f"part.crown_radius_{axis}_mm" for axis in "xy"
-             if getattr(part, f"crown_radius_{axis}_mm")] + shape  # fmt: skip
-    relief = "part.relief" if part.relief else "the defects' depth_um"
+    round_ = ("crown_radius_x_mm", "crown_radius_y_mm", "sphere_radius_mm")
+    crown = [f"part.{key}" for key in round_ if getattr(part, key)] + shape
+    laid = [f"part.{key}" for key in ("waviness", "orange_peel", "relief") if getattr(part, key)]
+    if station.defects or station.populations or not laid:
+        laid.append("the defects' depth_um")
     if reason in _TWICE:
-        return f"{_TWICE[reason]}; check {listed([*crown, relief])}."
+        return f"{_TWICE[reason]}; check {listed([*crown, *laid])}."
     if reason == _DOWN:
         return (
             f"it is tilted by more than 45 degrees there and reflects the camera's rays down; "
-            f"check {listed([*crown, relief])}."
+            f"check {listed([*crown, *laid])}."
         )
     needed = _length_needed_mm(station)
     said = f"its rays pass the tunnel's end, tunnel.length_mm = {tunnel.length_mm:g}; "
     if needed is None:
-        return said + f"no length catches them all, so tilt them less with {listed(crown)}."
+        way = f"tilt them less with {listed(crown)}" if crown else "look at less of the part"
+        return said + f"no length catches them all, so {way}."
     if needed <= tunnel.length_mm:
-        return said + f"what tilts them so far is the relief: check {relief}."
+        return said + f"what tilts them so far is the relief: check {listed(laid)}."
     return said + f"{needed:g} or more catches those of the flawless part."
 
 
@@ -172,7 +175,7 @@ def _length_needed_mm(station: Station) -> float | None:
     part, p, (rows, columns) = station.part, station.camera.sampling_mm, station.shape
     bare = station.model_copy(
         update={
-            "part": part.model_copy(update={"relief": None}),
+            "part": part.model_copy(update=dict.fromkeys(("relief", "waviness", "orange_peel"))),
             "tunnel": station.tunnel.model_copy(
                 update={"length_mm": 1e9, "opening_length_mm": 0.0}
             ),
