@@ -42,7 +42,7 @@ SUB_RAYS = 256
 LEVELS = 256
 """Levels of an aspect image: how many of as many thresholds a pixel is above."""
 
-KINDS = 3
+KINDS = 4
 """Of sets of pixels, whose levels are counted together."""
 
 LINE = 4096

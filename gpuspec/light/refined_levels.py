@@ -22,7 +22,8 @@ class Roles:
     ----------
     role : ndarray of int32, shape (n,)
         Of each pixel of an image or a list the number of its zone; of all others outside `zones`,
-        of the guard band ``zones + 1``; -1 where none is counted.
+        of the guard band ``zones + 1``, of a sample's chosen ones ``zones + 2``; -1 where none is
+        counted.
     zones : int
         How many there are.
     """
@@ -32,7 +33,7 @@ class Roles:
 
     @classmethod
     def of(cls, zones: Zones, sample: Sample | None = None) -> Roles:
-        """Tell the roles of valid pixels, all or, with a sample, those that stand for themselves.
+        """Tell the roles of valid pixels, all or, with a sample, those that it has.
 
         Parameters
         ----------
@@ -43,13 +44,25 @@ class Roles:
         role = np.full(zones.valid.size, count if sample is None else -1, np.int32)
         if sample is not None:
             role[sample.near] = count
+            role[sample.chosen] = count + 2
         role[zones.guard] = count + 1
         role[zones.pixels] = np.repeat(np.arange(count), zones.sizes)
         role[~zones.valid.ravel()] = -1
         return cls(role, count)
 
+    def without(self, places: NDArray[np.intp]) -> Roles:
+        """Return the roles where some pixels are not counted.
+
+        Parameters
+        ----------
+        places : ndarray of intp
+        """
+        role = self.role.copy()
+        role[places] = -1
+        return replace(self, role=role)
+
     def sets(self, places: Pixels) -> Sets:
-        """Return some pixels zone by zone, then those of none, then those of the guard band.
+        """Return some pixels zone by zone, then those of none, of the guard band, and the chosen.
 
         Parameters
         ----------
@@ -113,15 +126,15 @@ class RefinedCounter:
             Traces a list of pixels with one footprint each; not asked with a sample.
         zones : Zones
         sample : Sample, optional
-            Pixels that stand for all others, of which no refined one is looked at; None: all are
-            counted.
+            Pixels that stand for all others; None: all are counted.
         """
         sets = Roles.of(zones, sample).sets(places)
         one = np.ones(zones.valid.shape, bool)
         one.flat[places] = False
         twice = None
         if sample is not None:
-            sample = replace(sample, near=sample.near[one.flat[sample.near]])
+            near, chosen = (some[one.flat[some]] for some in (sample.near, sample.chosen))
+            sample = replace(sample, near=near, chosen=chosen)
         else:
             some = coarse(np.flatnonzero(~one & zones.valid).astype(np.uint32))
             twice = some.counter(Zones.none(some.shape))
@@ -134,10 +147,10 @@ class RefinedCounter:
         if self.twice is not None:
             found.outside[:, 1:] -= self.twice.count(stations).outside[:, 1:]
         more = self.refined(stations)
-        inside, none, guard = more.counts.transpose(1, 0, 2)
+        inside, none, guard, chosen = more.counts.transpose(1, 0, 2)
         for counts, own in (
             (found.inside, inside), (found.outside, none), (found.outside, guard),
-            (found.guard, guard),
+            (found.guard, guard), (found.sampled, chosen),
         ):  # fmt: skip
             counts += own
         zones = self.sets.number >= 0

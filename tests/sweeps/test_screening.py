@@ -62,6 +62,47 @@ def test_screening_ends_in_the_front_of_the_exhaustive_sweep(
             assert all(np.array(row["p1_high"]) >= true["p1"])
 
 
+FLAT = {
+    "part": {"length_mm": 10.0, "width_mm": 10.0}, "tunnel": {"luminous_mm": 2.0, "dark_mm": 6.0},
+    "camera": {"sampling_mm": 0.1}, "sequence": {"images": 8},
+    "defects": [{"kind": "dent", "x_mm": -3.9, "y_mm": 3.5, "diameter_mm": 1.0, "depth_um": 3.0}],
+}  # fmt: skip
+OPENING = {"tunnel__opening_length_mm": 6.0, "tunnel__opening_width_mm": 6.0}
+LARGER = {"camera__columns": 120, "camera__rows": 120, "part__length_mm": 8.0,
+          "part__width_mm": 8.0, "sensor__black_level_dn": 20.0}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {**OPENING, "camera__pupil_mm": 0.0},
+        {**OPENING, "camera__pupil_mm": 5.0, "camera__focus_mm": 760.0},
+        {**OPENING, "camera__blur_mm": 0.2},
+        {"tunnel__length_mm": 8.0, "camera__blur_mm": 0.2},
+        {**LARGER, "sensor__noise": True},
+        {**LARGER, "sensor__noise": True, "camera__subsampling": 1},
+    ],
+    ids=str,
+)
+def test_a_sample_of_every_pixel_says_what_the_whole_image_does(opencl, changes):
+    """Where light is lost within a pixel, and where noise lies beside the part."""
+    station = Station.from_dict(FLAT).replace(**changes)
+    if "camera__columns" in changes:  # the part's edge cuts its zone
+        station = station.replace(defects=[{**FLAT["defects"][0], "x_mm": -3.9, "y_mm": 0.0}])
+    exposures = {"sensor.exposure": "1.5,4"}
+    screened, exact = (
+        Bench(Plan.of(station, exposures, samples=samples), opencl).rows([0, 1], sampled=True)
+        for samples in (station.shape[0] * station.shape[1], 0)
+    )
+    for one, true in zip(screened.to_pylist(), exact.to_pylist(), strict=True):
+        assert not one["exact"]
+        assert one["p1_low"] == one["p1_high"] == one["p1"] == true["p1"]
+        assert (one["p2"], one["hits"], one["zone_px"]) == (
+            true["p2"], true["hits"], true["zone_px"],
+        )  # fmt: skip
+        assert one["false_px"] == true["false_px"]
+
+
 STRATA, WEIGHT, TRIED, ZONE = 400, 50, 16, 10
 """Of a made-up screening: strata, pixels of each, designs, and pixels of its one zone."""
 

@@ -34,7 +34,7 @@ _EDGE = 1e-3  # of a pixel: nearer to the part's edge, float32 decides which sid
 
 @dataclass(frozen=True)
 class Refinable:
-    """The pixels of a list that have sub-rays where they need them: those of zones, those near.
+    """The pixels of a list that have sub-rays where they need them: of zones, near, or all.
 
     Attributes
     ----------
@@ -177,6 +177,8 @@ def listed(
     strata: int,
     seed: int,
     around: Ints | None = None,
+    *,
+    everywhere: bool = False,
 ) -> Listing:
     """List the zones, the pixels near defects, and a sample of all others.
 
@@ -196,6 +198,9 @@ def listed(
         Of the draw.
     around : ndarray of int64, optional
         What :func:`gpuspec.part.guard.near` returns of them; None: it is asked.
+    everywhere : bool
+        Whether the drawn pixels, too, have sub-rays where they need them: where the light is lost
+        at an opening, or past the tunnel's end, neighbours tell of it.
     """
     around = near(station, relief, truth.labels) if around is None else around
     ground = _Ground.of(station, relief)
@@ -215,7 +220,7 @@ def listed(
     sizes = np.bincount(owner[inside], minlength=len(truth.defects) + 1)[1:]
     listing = _in_order(around[inside], sizes, (around[owner == 0], others, chosen), weight)
     told = station.camera.subsampling == "auto" and min(station.shape) >= ACROSS
-    return _refinable(listing, station, relief) if told else listing
+    return _refinable(listing, station, relief, everywhere=everywhere) if told else listing
 
 
 def _in_order(inside: Ints, sizes: Ints, others: Sequence[Ints], weight: int) -> Listing:
@@ -235,13 +240,14 @@ def _in_order(inside: Ints, sizes: Ints, others: Sequence[Ints], weight: int) ->
     return Listing(pixels, zones, near, chosen, weight)
 
 
-def _refinable(listing: Listing, station: Station, relief: Relief) -> Listing:
+def _refinable(listing: Listing, station: Station, relief: Relief, *, everywhere: bool) -> Listing:
     """Return the list with the neighbours of zones and what is near them at its end.
 
-    Of an uneven part those drawn have theirs, too.
+    Of an uneven part, and where it is asked, those drawn have theirs, too.
     """
     every = listing.pixels[listing.pixels != NO_PIXEL]
-    own = np.sort(every if station.part.uneven else listing.itself).astype(np.int64)
+    chosen = every if station.part.uneven or everywhere else listing.itself
+    own = np.sort(chosen).astype(np.int64)
     places = np.flatnonzero(listing.pixels != NO_PIXEL)[: len(own)]
     places = places[np.argsort(listing.pixels[places])]
     around = Neighbourhood(own, station.shape)
@@ -335,16 +341,8 @@ class _Ground:
         """Find them in float64."""
         part, p, h = station.part, station.camera.sampling_mm, station.camera.height_mm
         half = np.array([part.width_mm, part.length_mm]) / 2
-        edge = _EDGE
-        if station.camera.subsampling == "auto":
-            edge = station.camera.reach_px
-            if station.camera.spotted:
-                # Sub-rays are spread over all that a pixel sees, and they are not, as those of a
-                # pixel alone, the very footprint that a bound is made of: whoever has a neighbour
-                # beside the part has them.
-                edge += REACH_PX
-        doubt = edge * p + 1e-6 * half.max()
         low = high = 1.0
+        edge, doubt = _EDGE, 1e-6 * half.max()
         if part.surface == "height":
             deep = sum(abs(float(d)) for d in relief.grooves.depth)
             deep += sum(float(np.abs(m.heights_mm).max()) for m in relief.maps)
@@ -353,6 +351,15 @@ class _Ground:
                 for z, s in zip(part.height_range_mm[::-1], (1, -1), strict=True)
             )
             doubt += deep * half.max() / h
+        if station.camera.subsampling == "auto":
+            edge = station.camera.reach_px
+            outermost = (np.array(station.shape) / 2 - 0.5) * p
+            if station.camera.spotted or ((half - doubt) / high < outermost).any():
+                # Whoever has a neighbour beside the part has sub-rays. Spread over all that a pixel
+                # sees they are not the very footprint that a bound is made of; and of noise, not
+                # the same draw to the last bit.
+                edge += REACH_PX
+        doubt += edge * p
         spans = []
         for edge in ((half - doubt) / high, (half + doubt) / low):
             spans.append([_between(e / p, n) for e, n in zip(edge, station.shape, strict=True)])

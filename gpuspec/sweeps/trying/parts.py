@@ -147,7 +147,7 @@ class Parts:
         self._drawn: OrderedDict[tuple[str, int], tuple[Defect, ...]] = OrderedDict()
         self._placed: OrderedDict[tuple[str, int], Placed] = OrderedDict()
         self._truths: OrderedDict[tuple[str, int], Truth] = OrderedDict()
-        self._screens: OrderedDict[tuple[str, int], Screen] = OrderedDict()
+        self._screens: OrderedDict[tuple[str, int, bool], Screen] = OrderedDict()
         self._flawless: OrderedDict[str, Flawless] = OrderedDict()
         self._geometry = ""
         self._kept: OrderedDict[tuple[int, bool], TracedPart] = OrderedDict()
@@ -243,7 +243,7 @@ class Parts:
             if self.backend.held_bytes <= self.backend.memory_bytes:
                 return
             del self._kept[key]
-            for (_, of), screen in self._screens.items():
+            for (_, of, _), screen in self._screens.items():
                 if of == key[0]:
                     screen.forget()
 
@@ -260,13 +260,26 @@ class Parts:
 
     def _screened(self, station: Station, number: int) -> TracedPart:
         """Trace the pixels of a part that stand for all."""
-        screen = _kept(
-            self._screens, (_seen_key(station), number),
-            lambda: Screen.of(station, self._place(station, number), self.samples, number),
-        )  # fmt: skip
         shape = _key(station, ("tunnel", "sensor", "sequence", "defects", "populations"))
         flawless = _kept(self._flawless, shape, lambda: Flawless(station, self.backend), 2)
-        return screen.under(station, self.backend, flawless, first=number == 0)
+        found = None
+        if not station.tunnel.opening_length_mm:
+            screen = self._screen(station, number, everywhere=False)
+            found = screen.under(station, self.backend, flawless, first=number == 0)
+        if found is None:
+            screen = self._screen(station, number, everywhere=True)
+            found = screen.under(station, self.backend, flawless, first=number == 0)
+        assert found is not None
+        return found
+
+    def _screen(self, station: Station, number: int, *, everywhere: bool) -> Screen:
+        """Return the list of a part's pixels, which no change of the tunnel moves."""
+        return _kept(
+            self._screens, (_seen_key(station), number, everywhere),
+            lambda: Screen.of(
+                station, self._place(station, number), self.samples, number, everywhere=everywhere
+            ),
+        )  # fmt: skip
 
     def _place(self, station: Station, number: int) -> Placed:
         """Return relief and zones, which no change of the tunnel moves."""
@@ -306,19 +319,25 @@ class Screen:
         How many defects may reach a pixel that is near none.
     known : tuple of KnownDefect
         What is in the zones.
+    everywhere : bool
+        Whether the drawn pixels have sub-rays where they need them, see :func:`listed`.
     """
 
     def __init__(
-        self, relief: Relief, listing: Listing, crowd: int, known: tuple[KnownDefect, ...]
-    ) -> None:
+        self, relief: Relief, listing: Listing, crowd: int, known: tuple[KnownDefect, ...], *,
+        everywhere: bool,
+    ) -> None:  # fmt: skip
         self.relief = relief
+        self._everywhere = everywhere
         self.listing = listing
         self.crowd = crowd
         self.known = known
         self._before: dict[int, LightMap] = {}
 
     @classmethod
-    def of(cls, station: Station, placed: Placed, strata: int, seed: int) -> Screen:
+    def of(
+        cls, station: Station, placed: Placed, strata: int, seed: int, *, everywhere: bool
+    ) -> Screen:
         """List the pixels of a part.
 
         Parameters
@@ -330,14 +349,19 @@ class Screen:
             Of the sample.
         seed : int
             Of its draw.
+        everywhere : bool
+            See :func:`listed`.
         """
-        listing = listed(station, placed.relief, placed.truth, strata, seed, placed.near)
+        listing = listed(
+            station, placed.relief, placed.truth, strata, seed, placed.near, everywhere=everywhere
+        )
         known = placed.truth.defects
-        return cls(placed.relief, listing, crowd(placed.relief, station), known)
+        near = crowd(placed.relief, station)
+        return cls(placed.relief, listing, near, known, everywhere=everywhere)
 
     def under(
         self, station: Station, backend: Backend, flawless: Flawless, *, first: bool
-    ) -> TracedPart:
+    ) -> TracedPart | None:
         """Trace the list.
 
         Parameters
@@ -350,28 +374,47 @@ class Screen:
             Of that part's shape and camera.
         first : bool
             Whether it is the first of the parts, which tells how much of it sees no light.
+
+        Returns
+        -------
+        TracedPart or None
+            None: the light is lost at a drawn pixel, and none of them would have sub-rays.
         """
         base = self._traced(station, backend, 1, self.listing.pixels)
         zones, refinable = self.listing.zones, self.listing.refinable
+        lost = base.lost()
+        if refinable and not self._everywhere:
+            of_drawn = lost.flat[self.listing.chosen]
+            if ((of_drawn != 0) & (of_drawn != BESIDE)).any():
+                return None
         if station.part.uneven:
             bounds, noise = self._surveyed(station, backend)
         else:
             bounds, noise = flawless.bounds(station, self.crowd), flawless.noise
         sample = self.listing.sample(bounds)
-        lost, finer = base.lost(), refinable.places(base) if refinable else {}
+        finer = refinable.places(base) if refinable else {}
         counter: LevelCounter
+        # Noise gives a pixel beside the part a level, too: there it is none.
+        beside = np.flatnonzero(lost == BESIDE).astype(np.uint32)
         if not finer:
-            counter = base.counter(zones, sample)
+            there = backend.without(base, beside) if len(beside) else base
+            counter = there.counter(zones, sample)
         else:
             parts = [
                 self._traced(station, backend, cut, self.listing.pixels[own])
                 for cut, own in finer.items()
             ]
             lists, places = base.together(parts), np.concatenate(list(finer.values()))
-            sets = self.listing.roles.sets(places)
-            one = backend.without(base, places).counter(zones, sample)
+            roles = self.listing.roles
+            if len(beside):
+                lost.flat[places] = lists.each(lambda part: part.lost())
+                roles = roles.without(np.flatnonzero(lost == BESIDE))
+            sets = roles.sets(places)
+            left = np.union1d(places, beside) if len(beside) else places
+            one = backend.without(base, left).counter(zones, sample)
             counter = RefinedCounter(one, sets, lists.counter(sets))
-            lost.flat[places] = lists.each(lambda part: part.lost())  # waits for the device
+            if not len(beside):
+                lost.flat[places] = lists.each(lambda part: part.lost())  # waits for the device
         losses = self.listing.losses(lost) if first else None
         notes = () if losses is None else tuple(of_losses(station, losses))
         drawn = sample if len(sample.chosen) else None
