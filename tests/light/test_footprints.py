@@ -24,7 +24,7 @@ from tolerances import (
 
 from gpuspec.errors import BackendError
 from gpuspec.light import opencl_footprints
-from gpuspec.light.constants import EXPOSURES
+from gpuspec.light.constants import EXPOSURES, KINDS
 from gpuspec.light.devices import open_backend
 from gpuspec.light.levels import Zones, levels_of
 from gpuspec.light.lists import Lists, Sets
@@ -183,7 +183,7 @@ def test_the_device_counts_levels_as_the_host_does(opencl, bits, noise):
     firsts = [
         np.array([0, 1, 40, 41, 300, len(order)]), np.array([0, 5, 9, 100, 101, len(order)])
     ]  # fmt: skip
-    sets = [Sets(order, first, np.array([0, 2, 0, 1, 2]), np.arange(5)) for first in firsts]
+    sets = [Sets(order, first, np.array([0, 2, 0, 1, 3]), np.arange(5)) for first in firsts]
     designs = [
         under(light_map, {**design, "sensor.exposure": exposure})
         for exposure in np.linspace(1.0, 8.0, EXPOSURES + 2)
@@ -196,7 +196,7 @@ def test_the_device_counts_levels_as_the_host_does(opencl, bits, noise):
         assert np.array_equal(got.highest, told.highest)
         assert got.counts.sum() == len(designs) * len(order)
         assert len(np.unique(got.highest)) > 5
-        assert count([]).counts.shape == (0, 3, 256)
+        assert count([]).counts.shape == (0, KINDS, 256)
 
 
 def as_host_does(light_map: RefinedLightMap) -> Any:

@@ -336,7 +336,7 @@ class Screen:
 
     @classmethod
     def of(
-        cls, station: Station, placed: Placed, strata: int, seed: int, *, everywhere: bool
+        cls, station: Station, placed: Placed, strata: int, seed: int, *, everywhere: bool = True
     ) -> Screen:
         """List the pixels of a part.
 
