@@ -34,6 +34,8 @@ _BETTER = 0.97  # of another's misfit, below which a table is taken instead
 _WORSE = 2.0  # times another's misfit on a few samples, above which a light is given up
 _KEPT = 3  # of the starts, that are gone on with on all samples
 _F_SCALE = 4.0  # standard deviations, beyond which a sample counts less
+_HELD = 1e-6  # periods, between which a pupil that is given is held
+_FLAT = 1e-12  # of a normalised square, below which a direction is as good as not told
 _TURNS = 6  # of Newton's method for a table and its gain
 
 
@@ -176,6 +178,8 @@ class _Model:
     across: float
     down: float
     pupil: float
+    held: bool = False
+    """Whether the pupil is that which is given, for stripes too."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -189,7 +193,8 @@ class _Model:
     @property
     def bounds(self) -> tuple[list[float], list[float]]:
         if self.kind == "stripes":
-            return [1e-3, 0.01, 0, 0, -2], [1e3, 0.99, 0.95, 3, 2]
+            least, most = (self.pupil - _HELD, self.pupil + _HELD) if self.held else (0.0, 3.0)
+            return [1e-3, 0.01, 0, least, -2], [1e3, 0.99, 0.95, most, 2]
         if self.kind == "sinusoid":
             return [1e-3, 0.2, 0, -2], [1e3, 10, 0.95, 2]
         return [-np.inf] * len(self.names), [np.inf] * len(self.names)
@@ -240,7 +245,7 @@ class _Model:
         found = []
         for exposure in exposures:
             share = float(np.mean(level > (low + high) / 2))
-            for pupil in (0.02, 0.08, 0.2):
+            for pupil in (self.pupil,) if self.held else (0.02, 0.08, 0.2):
                 wide = float(self.boxes(pupil)[0][0])
                 duty = float(np.clip(share - wide * (1 - 1 / max(exposure, 1)), 0.05, 0.95))
                 start = [exposure, duty, min(low / exposure, 0.9), pupil, centre + duty / 2]
@@ -276,8 +281,22 @@ class _Model:
         rest = misfit(found.x)
         dof = max(rest.size - len(found.x), 1)
         scale = max(float(np.sum(rest**2)) / dof, 1.0)
-        covariance = np.linalg.pinv(found.jac.T @ found.jac) * scale
-        return found.x, covariance, float(found.cost)
+        free = np.subtract(high, low) > 3 * _HELD
+        return found.x, _covariance(found.jac, free) * scale, float(found.cost)
+
+
+def _covariance(jacobian: Array, free: NDArray[np.bool_]) -> Array:
+    """Return the covariance of parameters, 0 of those that are not free.
+
+    What the samples hardly tell has a large one: a plain pseudo-inverse gives it none.
+    """
+    own = jacobian[:, free]
+    size = np.linalg.norm(own, axis=0)
+    size[size == 0] = 1
+    told, axes = np.linalg.eigh((own / size).T @ (own / size))
+    found = np.zeros((len(free), len(free)))
+    found[np.ix_(free, free)] = (axes / np.maximum(told, _FLAT)) @ axes.T / np.outer(size, size)
+    return found
 
 
 def fit_light(
@@ -294,7 +313,9 @@ def fit_light(
     noise : callable
         Standard deviation of a sample as a function of its mean, DN.
     pupil : float
-        Radius of the pupil's image on the light, in periods, for lights that do not tell it.
+        Radius of the pupil's image on the light, in periods, for lights that do not tell it, and
+        for stripes that saturate the sensor: exposure, width and pupil are then not told apart. 0:
+        it is not known.
     kind : str, optional
         Which light; None: that which comes nearest.
     before : LightFit, optional
@@ -317,8 +338,9 @@ def fit_light(
             f"is not told; take frames at a shorter exposure, or fit stripes or a sinusoid."
         )
     found: list[tuple[Kind, Array, Array, float]] = []
+    held = pupil > 0 and saturated > _SATURATED
     if before and before.kind != "table":
-        model = _Model(before.kind, samples.across, samples.down, pupil)
+        model = _Model(before.kind, samples.across, samples.down, pupil, held)
         start = np.concatenate([before.vector, before.falloff])
         again = model.fit(many, start, sensor, noise, 40)
         return _told(before.kind, *again[:2], many, sensor, pupil)
@@ -326,7 +348,7 @@ def fit_light(
     curved: tuple[Kind, ...] = ("stripes", "sinusoid") if kind is None else (kind,)
     for one in curved:
         if one != "table":
-            model = _Model(one, samples.across, samples.down, pupil)
+            model = _Model(one, samples.across, samples.down, pupil, held)
             tried = [
                 model.fit(few, np.concatenate([start, np.zeros(5)]), sensor, noise, 30)
                 for start in model.starts(few, sensor)
@@ -334,7 +356,7 @@ def fit_light(
             first[one] = sorted(tried, key=lambda one: one[2])[:_KEPT]
     for one, starts in first.items():
         if starts[0][2] <= _WORSE * min(others[0][2] for others in first.values()):
-            model = _Model(one, samples.across, samples.down, pupil)
+            model = _Model(one, samples.across, samples.down, pupil, held)
             for start, _, cost in starts:
                 if cost <= _WORSE * starts[0][2]:
                     found.append((one, *model.fit(many, start, sensor, noise, 40)))

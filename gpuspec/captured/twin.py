@@ -422,6 +422,11 @@ def unknown(
             "The pupil: a smooth profile looks the same through a wider one. It is taken as a "
             "pinhole's, and what it does to the light is in the profile; give camera.pupil_mm."
         )
+    if light.kind == "stripes" and light.numbers["exposure"].value > 1 and not scale.pupil_periods:
+        said.append(
+            "Exposure, stripes' width and pupil apart: the images saturate, and of an edge of the "
+            "light only its foot is seen. Give camera.pupil_mm, or frames at a shorter exposure."
+        )
     if light.kind == "sinusoid" and light.numbers["exposure"].value > 1:
         said.append(
             "The light's profile where it saturates: it is that of a sinusoid through a gamma that "

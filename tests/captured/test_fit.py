@@ -101,6 +101,23 @@ def test_every_number_of_a_random_station_is_found_within_its_uncertainty(kind, 
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("given", [True, False])
+def test_of_stripes_that_saturate_the_pupil_is_taken_as_it_is_given_or_said_not_to_be_told(given):
+    """Of an edge of the light only the foot is seen: exposure, width and pupil trade off."""
+    station = gpuspec.Station(
+        part={"length_mm": 20.0, "width_mm": 15.0}, tunnel={"luminous_mm": 2.0, "dark_mm": 6.0},
+        camera={"sampling_mm": 0.1, "pupil_mm": 3.0}, sensor={"exposure": 4.0, "noise": True},
+        sequence={"images": 40},
+    )  # fmt: skip
+    known = gpuspec.Station(camera={"sampling_mm": 0.1, **({"pupil_mm": 3.0} if given else {})})
+    found = gpuspec.fit(taken(station), known, region="0,0,200,150", defects=False, backend="numpy")
+    for name, value in (("exposure", 4.0), ("duty", 0.25), ("pupil", 3.0)):
+        assert abs(found[name].value - value) <= ALL * found[name].uncertainty + 1e-4, name
+    assert found["exposure"].uncertainty < 0.04 if given else found["exposure"].uncertainty > 0.4
+    assert any("pupil apart" in said for said in found.unknown) != given
+
+
+@pytest.mark.slow
 def test_the_command_writes_the_twin_its_numbers_and_the_smallest_defects(tmp_path, gpuspec_):
     station = real(4, "sinusoid").replace(sensor__exposure=0.9)
     shots = written(tmp_path / "shots", taken(station))
