@@ -165,6 +165,10 @@ SAID: dict[str, tuple[dict[str, Any], str]] = {
         {"sequence.images": 2, "tunnel.luminous_mm": 12.0},
         r"beyond full scale .*: by where .* in 2 images a flawless pixel can have 255 DN of 255",
     ),
+    "few electrons": (
+        {"sensor.noise": True, "sensor.saturation_e": 0.5},
+        r"beyond full scale .*: it leaves room for noise above .* deviation of 2\d DN\. Take",
+    ),
     "few images without a ceiling": (
         {"sequence.images": 2, "sequence.fusion": "std"},
         r"beyond full scale .*: of 2 images one more makes a flawless pixel brighter by 128 DN",

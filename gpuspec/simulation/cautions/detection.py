@@ -170,7 +170,13 @@ def _why_beyond(station: Station, aspect: Image, lit: Mask, inspected: Inspectio
             f"{full} DN, and leaves no room above it. {way}"
         )
     if inspected.ceiling is not None:
-        level = inspected.ceiling.level_dn
+        level, noise = inspected.ceiling.level_dn, inspected.ceiling.noise_dn
+        if NOISE_SIGMAS * noise > full - level > CEILING_FLOOR * full:
+            return (
+                f"{head}: it leaves room for noise above the {level:.0f} DN of {full} that a "
+                f"flawless pixel can have, of a standard deviation of {noise:.2g} DN. Take more "
+                f"sequence.images, or a larger sensor.saturation_e."
+            )
         return (
             f"{head}: by where the stripes stand in {images} image{'s' if images > 1 else ''} a "
             f"flawless pixel can have {level:.0f} DN of {full}, and half of them have no more than "

@@ -90,6 +90,8 @@ def ineffective(station: Station) -> dict[str, str]:
             f'with part.material = "{station.part.material}", which reflects all wavelengths '
             f"alike, and without camera.focal_mm and camera.f_number, whose diffraction it tells"
         )
+    if not station.segmentation.background_mm:
+        found["segmentation.smoothing_mm"] = "without segmentation.background_mm"
     if tunnel.profile != "sinusoid":
         found["tunnel.profile_gamma"] = 'without a screen: tunnel.profile = "sinusoid" is one'
     if not sensor.noise:
