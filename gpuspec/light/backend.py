@@ -101,7 +101,8 @@ class Backend(ABC):
     def without(self, light_map: LightMap, places: Pixels) -> LightMap:
         """Return the light map of a list without some of its pixels, in whose place there is none.
 
-        It takes the place of the other, in which they may see no light any more.
+        It takes the place of the other, in which they may see no light any more; without none it is
+        the other.
 
         Parameters
         ----------
@@ -110,6 +111,8 @@ class Backend(ABC):
         places : ndarray of uint32
             In the list.
         """
+        if not len(places):
+            return light_map
         return self.trace_again(light_map, light_map.station, without(light_map, places))
 
     @property

@@ -118,7 +118,7 @@ class OpenCLBackend(OpenCLDevice, Backend):
     def without(self, light_map: LightMap, places: Pixels) -> LightMap:
         """See :meth:`Backend.without`."""
         assert isinstance(light_map, OpenCLLightMap)
-        if light_map.tiles > 1:
+        if light_map.tiles > 1 or not len(places):
             return super().without(light_map, places)
         with self.failures():
             return light_map.put_out(places)
@@ -316,16 +316,12 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
         Parameters
         ----------
         places : ndarray of uint32
+            At least one.
         """
         fewer = copy(self)
         fewer.pixels = without(self, places)
-        if len(places):
-            b = self.backend
-            chosen = np.pad(places, (0, -len(places) % b.width), mode="edge")
-            b.start(
-                "refine.cl", "put_out", (len(chosen),), self._kept[0].planes[3],
-                b.constant(chosen),
-            )  # fmt: skip
+        irradiance, chosen = self._kept[0].planes[3], self.backend.constant(places)
+        self.backend.start("refine.cl", "put_out", (len(places),), irradiance, chosen)
         return fewer
 
     def together(self, parts: Sequence[LightMap]) -> Lists[LightMap]:

@@ -33,6 +33,9 @@ FILES = (
     "aspect.cl", "sequence.cl", "profiled.cl", "footprints.cl", "lookup.cl", "sweep.cl",
 )  # fmt: skip
 
+SINGLE = ("gather_pixels", "put_out")
+"""Kernels whose work-items are single pixels, in files whose others are vectors."""
+
 LAUNCH_SECONDS = 0.5
 """How long a launch is meant to last. Nothing stops one that has begun: Ctrl-C waits for it, and a
 desktop's watchdog ends the driver after two seconds, or five."""
@@ -307,7 +310,7 @@ class OpenCLDevice:
             Work-items of a group; None: one, where they are vectors, for a CPU's driver gives each
             a stack of its own; else the driver's choice.
         """
-        if group is None and self.widths[file] > 1:
+        if group is None and self.widths[file] > 1 and name not in SINGLE:
             group = (1,) * len(size)
         with self._lock:  # a kernel holds its arguments until it is started, for all threads
             self.kernel(file, name)(self.queue, size, group, *arguments, global_offset=offset)
