@@ -263,12 +263,10 @@ class Parts:
         shape = _key(station, ("tunnel", "sensor", "sequence", "defects", "populations"))
         flawless = _kept(self._flawless, shape, lambda: Flawless(station, self.backend), 2)
         found = None
-        if not station.tunnel.opening_length_mm:
-            screen = self._screen(station, number, everywhere=False)
-            found = screen.under(station, self.backend, flawless, first=number == 0)
-        if found is None:
-            screen = self._screen(station, number, everywhere=True)
-            found = screen.under(station, self.backend, flawless, first=number == 0)
+        for everywhere in (bool(station.tunnel.opening_length_mm), True):
+            if found is None:
+                screen = self._screen(station, number, everywhere=everywhere)
+                found = screen.under(station, self.backend, flawless, first=number == 0)
         assert found is not None
         return found
 
@@ -397,24 +395,18 @@ class Screen:
         # Noise gives a pixel beside the part a level, too: there it is none.
         beside = np.flatnonzero(lost == BESIDE).astype(np.uint32)
         if not finer:
-            there = backend.without(base, beside) if len(beside) else base
-            counter = there.counter(zones, sample)
+            counter = backend.without(base, beside).counter(zones, sample)
         else:
             parts = [
                 self._traced(station, backend, cut, self.listing.pixels[own])
                 for cut, own in finer.items()
             ]
             lists, places = base.together(parts), np.concatenate(list(finer.values()))
-            roles = self.listing.roles
-            if len(beside):
-                lost.flat[places] = lists.each(lambda part: part.lost())
-                roles = roles.without(np.flatnonzero(lost == BESIDE))
-            sets = roles.sets(places)
-            left = np.union1d(places, beside) if len(beside) else places
-            one = backend.without(base, left).counter(zones, sample)
+            lost.flat[places] = lists.each(lambda part: part.lost())
+            sets = self.listing.roles.without(np.flatnonzero(lost == BESIDE)).sets(places)
+            out = np.concatenate([places, beside])
+            one = backend.without(base, out).counter(zones, sample)
             counter = RefinedCounter(one, sets, lists.counter(sets))
-            if not len(beside):
-                lost.flat[places] = lists.each(lambda part: part.lost())  # waits for the device
         losses = self.listing.losses(lost) if first else None
         notes = () if losses is None else tuple(of_losses(station, losses))
         drawn = sample if len(sample.chosen) else None
