@@ -285,11 +285,12 @@ class _Model:
         return found.x, _covariance(found.jac, free) * scale, float(found.cost)
 
 
-def _covariance(jacobian: Array, free: NDArray[np.bool_]) -> Array:
+def _covariance(jacobian: Array, free: Any = True) -> Array:
     """Return the covariance of parameters, 0 of those that are not free.
 
     What the samples hardly tell has a large one: a plain pseudo-inverse gives it none.
     """
+    free = np.broadcast_to(free, jacobian.shape[1:])
     own = jacobian[:, free]
     size = np.linalg.norm(own, axis=0)
     size[size == 0] = 1
@@ -339,16 +340,19 @@ def fit_light(
         )
     found: list[tuple[Kind, Array, Array, float]] = []
     held = pupil > 0 and saturated > _SATURATED
+
+    def model_of(light: Kind) -> _Model:
+        return _Model(light, samples.across, samples.down, pupil, held)
+
     if before and before.kind != "table":
-        model = _Model(before.kind, samples.across, samples.down, pupil, held)
         start = np.concatenate([before.vector, before.falloff])
-        again = model.fit(many, start, sensor, noise, 40)
+        again = model_of(before.kind).fit(many, start, sensor, noise, 40)
         return _told(before.kind, *again[:2], many, sensor, pupil)
     first: dict[Kind, list[tuple[Array, Array, float]]] = {}
     curved: tuple[Kind, ...] = ("stripes", "sinusoid") if kind is None else (kind,)
     for one in curved:
         if one != "table":
-            model = _Model(one, samples.across, samples.down, pupil, held)
+            model = model_of(one)
             tried = [
                 model.fit(few, np.concatenate([start, np.zeros(5)]), sensor, noise, 30)
                 for start in model.starts(few, sensor)
@@ -356,7 +360,7 @@ def fit_light(
             first[one] = sorted(tried, key=lambda one: one[2])[:_KEPT]
     for one, starts in first.items():
         if starts[0][2] <= _WORSE * min(others[0][2] for others in first.values()):
-            model = _Model(one, samples.across, samples.down, pupil, held)
+            model = model_of(one)
             for start, _, cost in starts:
                 if cost <= _WORSE * starts[0][2]:
                     found.append((one, *model.fit(many, start, sensor, noise, 40)))
@@ -395,8 +399,7 @@ def _fit_table(
     rest = ((field * seen - level) * spread)[kept]
     scale = max(float(np.mean(rest**2)), 1.0)
     cost = float(np.sum(_F_SCALE**2 * (np.sqrt(1 + (rest / _F_SCALE) ** 2) - 1)))
-    covariance = np.linalg.pinv(together.T @ together) * scale
-    return "table", np.concatenate([vector, gain]), np.asarray(covariance, np.float64), cost
+    return "table", np.concatenate([vector, gain]), _covariance(together) * scale, cost
 
 
 def _told(
