@@ -104,6 +104,16 @@ class Frames:
         there: Array = points @ self.turn.T + self.origin
         return there
 
+    def in_camera(self, points: Array) -> Array:
+        """Return points of the part's frame, shape (..., 3), in the camera's, mm.
+
+        Parameters
+        ----------
+        points : ndarray of float64, shape (..., 3)
+        """
+        there: Array = (points - self.middle) @ self.view
+        return there
+
     def pupil(self, station: Station) -> Array:
         """Return the middle of the camera's pupil in the part's frame, shape (3,), mm.
 
@@ -130,9 +140,8 @@ class Frames:
         ndarray of float64, shape (..., 2)
             Not finite of what is not before the camera.
         """
-        h = station.camera.height_mm
-        of_camera = (points - self.middle) @ self.view
-        nearer = 1 - of_camera[..., 2:] / h
+        of_camera = self.in_camera(points)
+        nearer = 1 - of_camera[..., 2:] / station.camera.height_mm
         with np.errstate(divide="ignore", invalid="ignore"):
             found: Array = np.where(nearer > 0, of_camera[..., :2] / nearer, np.nan)
         return found

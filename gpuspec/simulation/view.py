@@ -98,7 +98,7 @@ def depth_mm(station: Station) -> tuple[float, float, float]:
 
 def _posed_depth_mm(station: Station) -> tuple[float, float]:
     """Return how near and how far from the pupil what is seen of a posed station's part is."""
-    part, frames, h = station.part, Frames.of(station), station.camera.height_mm
+    part = station.part
     rows, columns = station.shape
     half = np.array([part.length_mm, part.width_mm]) / 2
     # What is seen ends where the image does, or where the part does.
@@ -112,7 +112,8 @@ def _posed_depth_mm(station: Station) -> tuple[float, float]:
     found = np.concatenate([seen, inside])
     x, y = (found if len(found) else np.zeros((1, 2))).T
     z = shape_of(station).height(x, y) if part.surface == "height" else np.zeros(x.shape)
-    depth = h - (np.stack([x, y, z], axis=-1) - frames.middle) @ frames.view[:, 2]
+    nearer = Frames.of(station).in_camera(np.stack([x, y, z], axis=-1))[:, 2]
+    depth = station.camera.height_mm - nearer
     return float(depth.min()), float(depth.max())
 
 
