@@ -532,10 +532,14 @@ class Station(Section):
         return any(one.pose is not None and one.pose.moves for one in (self.part, self.camera))
 
     @property
+    def poses(self) -> list[str]:
+        """The keys of the poses that it states."""
+        return [f"{name}.pose" for name in ("part", "camera") if getattr(self, name).pose]
+
+    @property
     def seen_by(self) -> str:
         """The keys by which the image sees the part, in words."""
-        poses = [f"{name}.pose" for name in ("camera", "part") if getattr(self, name).pose]
-        return ", ".join([*poses, "part.length_mm, part.width_mm and camera.sampling_mm"])
+        return ", ".join([*self.poses, "part.length_mm, part.width_mm and camera.sampling_mm"])
 
     @property
     def step_mm(self) -> float:

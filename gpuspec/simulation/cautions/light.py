@@ -146,8 +146,7 @@ def _why_lost(station: Station, reason: Lost) -> str:
             else "a tunnel whose top is nearer to the camera needs a smaller one"
         )
         return f"it reflects the camera opening of {size[0]:g} x {size[1]:g} mm; {way}."
-    posed = [f"{one}.pose" for one in ("part", "camera") if getattr(station, one).pose]
-    shape = ["part.mesh"] * (part.mesh is not None) + posed
+    shape = ["part.mesh"] * (part.mesh is not None) + station.poses
     round_ = ("crown_radius_x_mm", "crown_radius_y_mm", "sphere_radius_mm")
     crown = [f"part.{key}" for key in round_ if getattr(part, key)] + shape
     laid = [f"part.{key}" for key in ("waviness", "orange_peel", "relief") if getattr(part, key)]
