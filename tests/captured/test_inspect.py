@@ -149,6 +149,13 @@ def test_a_region_that_is_none_is_refused(region, words):
         gpuspec.inspect(scene(), region=region)
 
 
+@pytest.mark.parametrize("bits", [10, 12, 16])
+def test_a_station_of_more_bits_than_the_frames_have_is_refused(bits):
+    deeper = gpuspec.Station(camera={"sampling_mm": 0.1}, sensor={"bit_depth": bits})
+    with pytest.raises(FrameError, match=rf"numbers of 8 bit, and .* sensor\.bit_depth = {bits}"):
+        gpuspec.inspect(scene(), deeper)
+
+
 def test_a_mask_of_another_size_is_refused(tmp_path):
     tifffile.imwrite(tmp_path / "mask.tif", np.ones((5, 5), np.uint8))
     with pytest.raises(FrameError, match="5 x 5 pixels and the frames 200 x 120"):

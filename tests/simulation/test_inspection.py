@@ -215,6 +215,14 @@ def test_an_image_without_a_pixel_on_the_part_is_refused(backend):
         simulate(tiny, backend)
 
 
+def test_of_a_camera_that_looks_aside_the_pose_is_named(backend):
+    aside = Station.from_dict(
+        {"part": {"length_mm": 4.0, "width_mm": 4.0}, "camera": {"sampling_mm": 0.5}}, "s.toml"
+    ).replace(camera__pose={"tilt_y_deg": 60.0})
+    with pytest.raises(StationError, match=r"sees the part; check camera\.pose, part\.length_mm"):
+        simulate(aside, backend)
+
+
 def test_a_part_smaller_than_a_pixel_has_one(backend):
     tiny = Station.from_dict(
         {"part": {"length_mm": 1e-6, "width_mm": 1e-6}, "camera": {"sampling_mm": 1000.0}}

@@ -16,6 +16,7 @@ from legible import check_legible, drawn_texts
 from sweeping import STATION, rows
 
 import gpuspec
+from gpuspec.cli import aim as command
 from gpuspec.detection.chances import share_within
 from gpuspec.errors import StationError
 from gpuspec.station.corners import corners
@@ -377,3 +378,22 @@ def test_false_blobs_are_counted_by_the_station_s_own_size_filter(station, openc
         assert choice.station().segmentation.min_area_mm2 == filtered
     by_pixel = gpuspec.choose(run).station().segmentation
     assert (by_pixel.min_area_mm2, by_pixel.threshold != 200.0) == (0.0, True)
+
+
+@pytest.mark.parametrize(
+    ("goal", "over", "area", "aim"),
+    [
+        (None, None, 0.1, "hits = all, p2 >= 0.85, then the most p1"),
+        ("paper", None, 0.1, "hits = all, p2 >= 0.85, then the most p1"),
+        ("f1", "margin_dn,images", None, "hits = all, p2 >= 0.85, then the most f1"),
+        (None, "margin_dn,images", None, "then the most margin_dn"),
+        ("margin_dn", None, 0.1, "then the most margin_dn"),
+    ],
+)
+def test_the_papers_rule_stays_with_a_size_filter_and_over_other_measures(goal, over, area, aim):
+    place, found = command.asked(["run"], goal, None, over, area)
+    assert (str(place), str(found.aim), found.min_area_mm2) == ("run", aim, area)
+
+
+def test_without_either_the_papers_rule_is_its_own():
+    assert command.asked(["run"], "paper", None, None, None) == (Path("run"), None)
