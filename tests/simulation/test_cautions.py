@@ -383,10 +383,14 @@ def test_where_nothing_is_detected_every_line_says_so_in_place(tmp_path, more: d
 
 
 def test_what_is_dropped_for_its_size_is_counted_where_it_is_brighter_than_the_surface():
-    dark = one_dent(**{"segmentation.polarity": "dark", "segmentation.threshold": 200.0})
-    said = " ".join(simulate(dark).warnings)
+    dark = one_dent(**{"segmentation.polarity": "dark", "segmentation.threshold": 80.0})
+    result = simulate(dark)
+    assert result.aspect.max() > 90, "what is brighter is no find"
+    said = " ".join(result.warnings)
     assert "nothing is detected" in said
     assert "blobs smaller" not in said
+    (brightest,) = re.findall(r"the brightest pixel ([\d.]+) DN", said)
+    assert float(brightest) < 80
 
 
 @pytest.mark.parametrize(

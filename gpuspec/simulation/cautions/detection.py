@@ -87,7 +87,7 @@ def of_detection(
             f"{nothing}: all {above:,} pixels above the threshold are in blobs smaller than "
             f"segmentation.min_area_mm2 = {station.segmentation.min_area_mm2:g}."
         ]
-    level = float(np.median(aspect[lit]))
+    level, brightest = float(np.median(held[lit])), float(np.max(held, where=lit, initial=0.0))
     if brightest - level < EVEN * full:
         way = "The image is even: no defect stands out in it."
     elif not automatic:
