@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy  # whose modules are imported when they are used
 from numpy.typing import NDArray
 
 from gpuspec.arrays import Image
@@ -132,7 +134,8 @@ def inspect(
     """Segment, measure and classify an aspect image, simulated or real.
 
     With ``segmentation.background_mm`` the slow background is taken off before, see
-    :mod:`gpuspec.detection.background`; blobs are then measured above it.
+    :mod:`gpuspec.detection.background`; blobs are then measured above it, and what looks beyond the
+    part or the light with some of its blur is left out.
 
     Parameters
     ----------
@@ -229,10 +232,25 @@ def levelled(
         lit = valid
     if rule.background_mm:
         window, smoothing = (mm / sampling for mm in (rule.background_mm, rule.smoothing_mm))
-        aspect, _ = flattened(aspect, valid & lit, max(window, WINDOW_MIN), smoothing_px=smoothing)
+        whole = _clear_of_edges(valid & lit, station.camera.reach_px)
+        aspect, _ = flattened(aspect, whole, max(window, WINDOW_MIN), smoothing_px=smoothing)
     if rule.polarity != "bright":
         aspect = _turned(aspect, np.float32(flawless_level(aspect, lit)), rule.polarity)
     return aspect
+
+
+def _clear_of_edges(region: NDArray[np.bool_], reach_px: float) -> NDArray[np.bool_]:
+    """Leave out what looks beyond a region or the image with more than its own pixel.
+
+    A blurred rim is darker than the part. In the median of its surroundings it would make what is
+    beside it bright. Where nothing is left, the region itself is returned.
+    """
+    beyond = math.ceil(reach_px - 0.5)
+    if beyond < 1:
+        return region
+    size = 2 * beyond + 1
+    clear = scipy.ndimage.minimum_filter(region, size, mode="constant", cval=False)
+    return clear if clear.any() else region
 
 
 def _turned(aspect: Image, level: np.float32, polarity: str) -> Image:

@@ -6,6 +6,7 @@ is beside the part, of a chip, or of the part, of a burr.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +16,6 @@ from numpy.typing import NDArray
 from gpuspec.arrays import Mask
 from gpuspec.part.view import magnified, pixel_position, seen_at, surface_points
 from gpuspec.station.defects import EdgeDefect
-from gpuspec.station.sections import OUTERMOST
 from gpuspec.station.station import Station
 
 OUTLINE = {"chip": -1, "burr": 1}
@@ -147,9 +147,10 @@ def _on_part(
 
 
 def cut_at_border(edges: Edges, station: Station) -> NDArray[np.int64]:
-    """Return which pixels of the image's border the part's edge cuts.
+    """Return which pixels by the image's border the part's edge cuts.
 
-    Elsewhere neighbours tell of it: one of them is lost. Beyond the image is none.
+    Elsewhere neighbours tell of it: one of them is lost. Beyond the image is none, and there looks
+    what of a pixel's spot is wider than itself.
 
     Parameters
     ----------
@@ -164,9 +165,14 @@ def cut_at_border(edges: Edges, station: Station) -> NDArray[np.int64]:
     """
     rows, columns = station.shape
     down, across = np.arange(rows), np.arange(columns)
+    reach = station.camera.reach_px
     sides: list[tuple[Any, Any, float, float]] = [
-        (down, 0, 0, -OUTERMOST), (down, columns - 1, 0, OUTERMOST),
-        (0, across, -OUTERMOST, 0), (rows - 1, across, OUTERMOST, 0),
+        side
+        for line in range(min(max(math.ceil(reach - 0.5), 1), rows, columns))
+        for side in (
+            (down, line, 0, -reach), (down, columns - 1 - line, 0, reach),
+            (line, across, -reach, 0), (rows - 1 - line, across, reach, 0),
+        )
     ]  # fmt: skip
     found = []
     for row, column, below, beside in sides:

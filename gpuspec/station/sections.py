@@ -526,7 +526,7 @@ class Segmentation(Section):
     background_mm: Annotated[float, Field(gt=0, le=1e5)] | None = Field(
         None,
         description="side of the window whose median is the background that levels are above; "
-        "none: one level for the whole part",
+        "a blurred rim is left out; none: one level for the whole part",
     )
     smoothing_mm: float = Field(
         0.0,

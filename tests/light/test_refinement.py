@@ -120,6 +120,25 @@ def test_a_list_without_some_pixels_sees_the_others(memory_bytes):
     assert not fewer.read().irradiance[0, 0, gone].any()
 
 
+@pytest.mark.parametrize("exposure", [1.2, 4.0])
+def test_by_the_images_border_the_parts_edge_is_told_as_far_as_a_blurred_pixel_looks(
+    opencl, exposure
+):
+    """The part ends just beyond the image, and no neighbour there tells of it."""
+    station = check_station(pupil=0.0, exposure=exposure).replace(
+        part={"length_mm": 5.04, "width_mm": 5.04}, camera__sampling_mm=0.1, camera__columns=50,
+        camera__rows=50, camera__blur_mm=0.15,
+    )  # fmt: skip
+    auto, everywhere = (
+        opencl.trace(station.replace(camera__subsampling=n)).aspect() for n in ("auto", 8)
+    )
+    inner = np.zeros(station.shape, bool)
+    inner[3:-3, 3:-3] = True
+    assert station.camera.reach_px == pytest.approx(2.8, abs=0.01)
+    assert np.abs(auto - everywhere)[~inner].max() < 0.01  # tables round: 0.005 measured
+    assert everywhere[25, 25] - everywhere[25, -2] > 1  # what is beyond counts
+
+
 @pytest.mark.parametrize("changes", [SCENES["ceiling"], SCENES["height in a box"]])
 def test_what_is_left_at_one_footprint_is_as_good_as_8_by_8(opencl, changes):
     station = scene(**changes)

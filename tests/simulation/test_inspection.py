@@ -402,3 +402,17 @@ def test_no_sampling_is_suggested_where_the_image_size_is_stated(monkeypatch):
 
 def test_this_machine_says_how_much_memory_is_free():
     assert 2**20 < memory.free_bytes() <= 2**63
+
+
+@pytest.mark.parametrize("polarity", ["bright", "both"])
+def test_a_blurred_rim_is_no_background_and_no_defect(opencl, polarity):
+    """The lens looks beyond the part there: the rim is dark, what is beside it is not bright."""
+    rimmed = one_dent(
+        camera__blur_mm=0.15, sensor__noise=True, tunnel__luminous_mm=8.0, tunnel__dark_mm=8.0,
+        tunnel__profile="sinusoid", segmentation={"background_mm": 2.0, "polarity": polarity},
+    )  # fmt: skip
+    found = simulate(rimmed, opencl)
+    level = found.flawless_dn
+    assert found.aspect[[0, -1]].mean() < level - 5
+    assert found.score.false_blobs == 0
+    assert found.score.defects_hit == 1
