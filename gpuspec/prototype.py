@@ -50,13 +50,14 @@ class Planned:
         Score, arrays and pictures.
     sequence : Outputs or None
         Of a GIF, or of the images as PNG.
-    glance : bool
-        Score and detection alone, in well under a second; else every file.
+    preview : Outputs or None
+        Of what is seen first: of a glance, which is score and detection alone, in well under a
+        second; None: every file is written.
     """
 
     results: Outputs
     sequence: Outputs | None
-    glance: bool
+    preview: Outputs | None
 
     @property
     def animation(self) -> bool:
@@ -85,7 +86,7 @@ def planned(
     frames : str
         A ``.gif`` to write the sequence to, or a folder for its images as PNG; "": neither.
     glance : bool
-        See :class:`Planned`.
+        Score and detection alone, and a preview before.
     force : bool
         Whether files are replaced that are not known to be of an earlier run.
 
@@ -94,14 +95,16 @@ def planned(
     OutputError
         If something is in the way or cannot be written, or `frames` is neither.
     """
-    from gpuspec.report.folder import GLANCE, outputs
+    from gpuspec.report.folder import GLANCE, PREVIEW, outputs
 
     results = outputs(station, folder, force=force, also_read=(pattern,))
+    preview = None
     if glance:
         results = replace(results, kind="glance", names=GLANCE, over=(), space=None)
+        preview = replace(results, kind="preview", names=PREVIEW)
     sequence = _sequence(station, Path(frames), results) if frames else None
-    check_together(results, *filter(None, (sequence,)))
-    return Planned(results, sequence, glance)
+    check_together(results, *filter(None, (sequence, preview)))
+    return Planned(results, sequence, preview)
 
 
 def _sequence(station: Station, path: Path, results: Outputs) -> Outputs:
@@ -169,7 +172,16 @@ class Bench:
                 frames = stack.enter_context(plan.sequence.writing())
                 if plan.animation:
                     frames /= plan.sequence.names[0]
-            return self.render(pattern, folder, glance=plan.glance, frames=frames)
+            return self.render(pattern, folder, glance=plan.preview is not None, frames=frames)
+
+    def previewed(self, pattern: Pattern, plan: Planned) -> None:
+        """Run a pattern on some pixels and write what is seen, if that is planned.
+
+        Parameters and errors as :meth:`written`.
+        """
+        if plan.preview:
+            with plan.preview.writing() as folder:
+                self._asked(self._worker(), ("preview", pattern, folder, None), pattern)
 
     def render(
         self, pattern: Pattern, folder: Path, *, glance: bool, frames: Path | None = None
@@ -192,7 +204,8 @@ class Bench:
         GpuspecError
             If the station or the backend cannot be used.
         """
-        answer = self._asked(self._worker(), (pattern, folder, glance, frames), pattern)
+        job = "glance" if glance else "whole", pattern, folder, frames
+        answer = self._asked(self._worker(), job, pattern)
         assert isinstance(answer, Rendered)
         return answer
 
@@ -295,7 +308,7 @@ def watch(
 ) -> None:
     """Call a function now and after each save of a file, until told to stop or Ctrl-C.
 
-    Editors replace files: one that is away for a moment is waited for.
+    Editors replace files: one that is away or empty for a moment is waited for.
 
     Parameters
     ----------
@@ -310,6 +323,8 @@ def watch(
         try:
             state = path.stat()
         except OSError:
+            state = None
+        if not state or not state.st_size:
             time.sleep(POLL_S)
             continue
         if (state.st_mtime_ns, state.st_size) != seen:
@@ -326,7 +341,8 @@ def _work(
 
     from gpuspec.host import collect_seldom
     from gpuspec.light.devices import open_backend
-    from gpuspec.report.folder import summary, write_files, write_glance
+    from gpuspec.report.folder import summary, write_files, write_glance, write_preview
+    from gpuspec.simulation.preview import Previewer
     from gpuspec.simulation.simulate import trace
 
     collect_seldom()
@@ -335,12 +351,14 @@ def _work(
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
     try:
         station = Station.from_dict(data, file, folder)
-        traced = trace(station, open_backend(backend, device, ("opengl", "vulkan")))
+        engine = open_backend(backend, device, ("opengl", "vulkan"))
+        traced = trace(station, engine)
         pipe.send("ready")
     except GpuspecError as error:
         pipe.send(error)
         return
     light_map = traced.light_map
+    previewer: Previewer | None = None
     while True:
         try:
             job = pipe.recv()
@@ -351,11 +369,16 @@ def _work(
             if job is None:
                 pipe.send(light_map.faulty())
                 continue
-            pattern, target, glance, frames = job
+            what, pattern, target, frames = job
+            if what == "preview":
+                previewer = previewer or Previewer(traced, engine)
+                write_preview(previewer.under(pattern), target)
+                pipe.send(what)
+                continue
             # From the one before: what a pattern needs of the trace is traced but once.
             light_map = light_map.with_pattern(pattern)
             result = traced.result(light_map)
-            if glance:
+            if what == "glance":
                 write_glance(result, target)
             else:
                 write_files(result, target, frames=False, pictures=True)

@@ -17,7 +17,15 @@ import numpy as np
 import pytest
 from commandline import DEADLINE_S, PROGRAM, Command, content, names, said
 from scenes import check_station
-from tolerances import DEVICE_DN, IMAGE_DN, PATTERN_FLIPS, WARPED_FLIPS, WARPED_S, WARPED_TIMES
+from tolerances import (
+    DEVICE_DN,
+    IMAGE_DN,
+    PATTERN_FLIPS,
+    THRESHOLD_STEP_DN,
+    WARPED_FLIPS,
+    WARPED_S,
+    WARPED_TIMES,
+)
 
 from gpuspec import prototype
 from gpuspec.errors import BackendError, OutputError, PatternError
@@ -25,6 +33,10 @@ from gpuspec.light.devices import open_backend
 from gpuspec.light.patterns import Pattern, shipped
 from gpuspec.light.shader_log import own_lines
 from gpuspec.light.sources import named_files
+from gpuspec.pictures.detection import KINDS
+from gpuspec.pictures.preview import preview_picture
+from gpuspec.simulation import preview
+from gpuspec.simulation.preview import Previewer
 from gpuspec.simulation.simulate import Traced, trace
 from gpuspec.station.examples import example
 from gpuspec.station.station import Station
@@ -353,7 +365,9 @@ def test_each_save_is_rendered_once(tmp_path):
     try:
         for text in ("bb", "ccc"):
             until(lambda: len(seen) > 0 and seen[-1] == path.read_text())
-            path.unlink()  # as editors do
+            path.unlink()  # as editors do, or
+            path.write_text("")
+            time.sleep(2 * prototype.POLL_S)
             (tmp_path / "new").write_text(text)
             (tmp_path / "new").replace(path)
         until(lambda: seen[-1] == "ccc")
@@ -368,6 +382,25 @@ def until(holds) -> None:
     while not holds():
         assert time.monotonic() < end
         time.sleep(0.01)
+
+
+@pytest.mark.parametrize("most", [2**19, 400])
+def test_a_preview_is_of_some_pixels_as_they_are(traced, monkeypatch, most):
+    monkeypatch.setattr(preview, "MOST", most)
+    light = Pattern.read("sinusoidal")
+    seen = Previewer(traced, open_backend(traced.info.backend)).under(light)
+    whole = traced.result(traced.light_map.with_pattern(light))
+    step = {2**19: 1, 400: 2}[most]
+    some = np.s_[step // 2 :: step, step // 2 :: step]
+    assert seen.step == step
+    np.testing.assert_array_equal(seen.aspect, whole.aspect[some])
+    np.testing.assert_array_equal(seen.truth, whole.truth[some])
+    assert seen.threshold == pytest.approx(whole.threshold, abs=THRESHOLD_STEP_DN)
+    picture = np.asarray(preview_picture(seen))
+    hit = tuple(int(KINDS["hit"][at : at + 2], 16) for at in (1, 3, 5))
+    side = picture.shape[1] // seen.aspect.shape[1]
+    inside = picture[: seen.aspect.shape[0] * side : side, ::side]
+    np.testing.assert_array_equal((inside == hit).all(axis=-1), seen.labels > 0)
 
 
 @pytest.mark.slow
@@ -465,7 +498,7 @@ def test_a_glance_never_replaces_a_whole_run(shown, tmp_path):
     for _ in range(2):  # of its own it does
         told = glanced(tmp_path, "--frames", "look.gif", until_saved=picture)
         assert "error" not in told
-    assert names(tmp_path / "watch") == {"score.json", "detection.png"}
+    assert names(tmp_path / "watch") == {"score.json", "detection.png", "preview.png"}
     assert (tmp_path / "look.gif").exists()
     assert shown("-o", "watch").code == 0  # and a whole run replaces a glance
     assert "aspect.tif" in names(tmp_path / "watch")

@@ -62,6 +62,7 @@ def prototype(
 
     def render() -> None:
         light = Pattern.read(pattern)
+        made.previewed(light, plan)
         rendered = made.written(light, plan)
         made_by, score = rendered.summary, rendered.summary["score"]
         p1 = words.precision(score["p1"], score["hit_px"] + score["false_px"])

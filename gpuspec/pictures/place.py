@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gpuspec.arrays import BESIDE, pooled
 from gpuspec.pictures.page import length_text, scale_length
-from gpuspec.pictures.seen import Inspected
+from gpuspec.pictures.seen import Levelled
 from gpuspec.station.station import Station
 
 _TICK_PX = 75, 34  # least distance of labelled ticks along x and y
@@ -115,7 +115,7 @@ def draw_codes(
     place_image(ax, image, factor, station, interpolation="nearest")
 
 
-def grey_range(result: Inspected) -> tuple[float, float]:
+def grey_range(result: Levelled) -> tuple[float, float]:
     """Return the grey levels drawn black and white: flawless a third of the way, white far
     enough above the threshold, so that a faint defect shows beside one that saturates.
     """
@@ -124,7 +124,7 @@ def grey_range(result: Inspected) -> tuple[float, float]:
     return range_up_to(min(float(result.aspect.max()), far), result, 0.1)
 
 
-def range_up_to(high: float, result: Inspected, least: float) -> tuple[float, float]:
+def range_up_to(high: float, result: Levelled, least: float) -> tuple[float, float]:
     """Return a range that ends past the threshold and `least` of full scale above flawless, for
     an even image is not to look rough; but never past full scale, which is white.
 
@@ -132,7 +132,7 @@ def range_up_to(high: float, result: Inspected, least: float) -> tuple[float, fl
     ----------
     high : float
         What is to be in the range, DN.
-    result : Inspected
+    result : Levelled
     least : float
         Share of full scale.
 

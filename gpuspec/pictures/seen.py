@@ -39,7 +39,27 @@ class Known(Protocol):
         """Depth, if it is known."""
 
 
-class Inspected(Protocol):
+class Levelled(Protocol):
+    """An aspect image with its levels, of which grey is made."""
+
+    @property
+    def station(self) -> Station:
+        """The station."""
+
+    @property
+    def aspect(self) -> Image:
+        """Aspect image, DN, shape (M, N)."""
+
+    @property
+    def threshold(self) -> float:
+        """Grey level above which a pixel was detected, DN."""
+
+    @property
+    def flawless_dn(self) -> float:
+        """Median grey level of the part, DN."""
+
+
+class Inspected(Levelled, Protocol):
     """An inspection; attributes as :class:`gpuspec.simulation.result.Result` explains them."""
 
     @property
@@ -51,16 +71,8 @@ class Inspected(Protocol):
         """What matters most of how it was taken, in a line."""
 
     @property
-    def station(self) -> Station:
-        """The station."""
-
-    @property
     def info(self) -> DeviceInfo:
         """What made the images."""
-
-    @property
-    def aspect(self) -> Image:
-        """Aspect image, DN, shape (M, N)."""
 
     @property
     def lost(self) -> NDArray[np.uint8]:
@@ -91,20 +103,28 @@ class Inspected(Protocol):
         """Class of each blob."""
 
     @property
-    def threshold(self) -> float:
-        """Grey level above which a pixel was detected, DN."""
-
-    @property
-    def flawless_dn(self) -> float:
-        """Median grey level of the part, DN."""
-
-    @property
     def score(self) -> Score | None:
         """How good that is; None where no defects are known."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to know before trusting it."""
+
+
+class Previewed(Levelled, Protocol):
+    """Some pixels of a station; attributes as :class:`gpuspec.simulation.preview.Preview` has."""
+
+    @property
+    def labels(self) -> NDArray[np.int32]:
+        """Blobs, (M, N)."""
+
+    @property
+    def truth(self) -> NDArray[np.int32]:
+        """Zones, (M, N)."""
+
+    @property
+    def step(self) -> int:
+        """How many pixels of the image they are apart."""
 
 
 class Simulated(Inspected, Protocol):

@@ -22,7 +22,7 @@ from gpuspec.errors import OutputError
 from gpuspec.files import Outputs, Space, folder_of
 from gpuspec.frames.silhouette import Silhouette
 from gpuspec.light.refinement import counted
-from gpuspec.pictures.seen import Inspected, Simulated
+from gpuspec.pictures.seen import Inspected, Previewed, Simulated
 from gpuspec.report.silhouette import FILES as SILHOUETTE
 from gpuspec.report.silhouette import write_silhouette
 from gpuspec.station.station import Station
@@ -44,6 +44,8 @@ _PAGE_BYTES = 700  # of a TIFF's page beside its pixels
 KIND = "run"
 GLANCE = ("score.json", "detection.png")
 """What `prototype --watch` writes."""
+PREVIEW = ("preview.png",)
+"""What it writes before."""
 
 
 class Reported(Simulated, Protocol):
@@ -102,7 +104,7 @@ def outputs(
     names = (*FILES, PATTERN, *SILHOUETTE, *copies(station, "station").values())
     read = (*station.inputs, *also_read)
     space = _space(station, frames=frames)
-    return Outputs(folder, KIND, names, read, force=force, over=("glance",), space=space)
+    return Outputs(folder, KIND, names, read, force=force, over=("glance", "preview"), space=space)
 
 
 def _space(station: Station, *, frames: bool) -> Space:
@@ -182,6 +184,21 @@ def write_glance(result: Reported, folder: Path) -> None:
 
     (folder / "score.json").write_text(json.dumps(summary(result), indent=2) + "\n", "utf-8")
     figures.PICTURES["detection.png"](result)(folder / "detection.png")
+
+
+def write_preview(preview: Previewed, folder: Path) -> None:
+    """Write what one sees first.
+
+    Parameters
+    ----------
+    preview : Previewed
+    folder : Path
+        An existing one.
+    """
+    from gpuspec.pictures.page import encoded
+    from gpuspec.pictures.preview import preview_picture
+
+    (folder / PREVIEW[0]).write_bytes(encoded(preview_picture(preview)))
 
 
 def write_files(

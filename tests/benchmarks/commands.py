@@ -74,16 +74,18 @@ def until(there: Callable[[], bool], process: subprocess.Popen[bytes]) -> None:
         time.sleep(0.002)
 
 
-def watching(stack: ExitStack, around: dict[str, str], folder: Path) -> Callable[[int], float]:
-    """Start `prototype --watch`; what is returned saves the pattern and waits for the picture."""
-    pattern, picture = folder / "mine.glsl", folder / "watch" / "detection.png"
+def watching(
+    stack: ExitStack, around: dict[str, str], folder: Path, name: str
+) -> Callable[[int], float]:
+    """Start `prototype --watch`; what is returned saves the pattern and waits for a picture."""
+    pattern, picture = folder / "mine.glsl", folder / "watch" / name
     pattern.write_text(PATTERN)
     arguments = ["prototype", "t.toml", "--pattern", "mine.glsl", "--watch"]
     process = stack.enter_context(running([*arguments, "--backend", "opengl"], around, folder))
     until(picture.exists, process)
 
     def save(number: int) -> float:
-        time.sleep(0.3)
+        time.sleep(1.5)  # till all of the save before is written
         before, start = picture.stat().st_ino, time.perf_counter()
         pattern.write_text(f"{PATTERN}// {number}\n")
         until(lambda: picture.exists() and picture.stat().st_ino != before, process)
@@ -126,10 +128,11 @@ def main() -> None:
         runs = [[measured(arguments, a, str(f)) for a, f in both] for _ in range(times)]
         least = [min(of) for of in zip(*runs, strict=True)]
         print(f"{name:38}" + "".join(f"{s:11.2f}{memory:7.0f}" for s, memory in least))
-    with ExitStack() as stack:
-        saves = [watching(stack, a, f) for a, f in both]
-        turns = [[save(n) for save in saves] for n in range(SAVES)]
-    print_row("prototype --watch, save to picture", turns)
+    for name, said in (("preview.png", "preview"), ("detection.png", "picture")):
+        with ExitStack() as stack:
+            saves = [watching(stack, a, f, name) for a, f in both]
+            turns = [[save(n) for save in saves] for n in range(SAVES)]
+        print_row(f"prototype --watch, save to {said}", turns)
     print_row(
         "sweep, start to first design",
         [[first_design(a, f) for a, f in both] for _ in range(STARTS)],
