@@ -177,6 +177,11 @@ def test_dominated_agrees_with_comparing_every_pair(
 def test_the_front_is_what_nothing_beats(swept: dict[str, RunFolder]) -> None:
     scores = everything(swept["exact"])
     every = np.stack([scores.p1, scores.p2, scores.hits], axis=-1).reshape(-1, 3)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        detected = scores.p2 * (1 / scores.p1 - 1)  # of what is flawless
+    some = ~(detected > detected[:, :1] / 2).ravel()
+    assert some.mean() > 0.5
+    every = every[some]
     front = choose(swept["exact"]).front
     points = np.stack([front.p1, front.p2, front.hits], axis=-1)
     for point in points:
@@ -190,13 +195,21 @@ def test_the_front_is_what_nothing_beats(swept: dict[str, RunFolder]) -> None:
     assert len(np.unique(front.p2)) > 5
 
 
+ALL = 0.01
+"""P1 where everything is detected."""
+
+
 def bounded(*designs: tuple[int, float, float | None, float | None]) -> pa.Table:
-    """Rows of designs, P1 and its bounds, all of one P2 and one hit at every threshold."""
+    """Rows of designs, P1 and its bounds, all of one P2 and one hit at every threshold.
+
+    At the lowest everything is detected.
+    """
     numbers, p1, low, high = zip(*designs, strict=True)
+    curves = [[x and [ALL, *[x] * 255] for x in of] for of in (p1, low, high)]
     columns: dict[str, Any] = {
-        "design": numbers, "exact": [bound is None for bound in low], "p1": [[x] * 256 for x in p1],
-        "p2": [[0.9] * 256] * len(p1), "hits": [[1] * 256] * len(p1),
-        "p1_low": [x and [x] * 256 for x in low], "p1_high": [x and [x] * 256 for x in high],
+        "design": numbers, "exact": [bound is None for bound in low], "p1": curves[0],
+        "p2": [[1.0, *[0.9] * 255]] * len(p1), "hits": [[1] * 256] * len(p1),
+        "p1_low": curves[1], "p1_high": curves[2],
     }  # fmt: skip
     kinds = {name: pa.list_(pa.float64(), 256) for name in ("p1", "p2", "p1_low", "p1_high")}
     kinds |= {"design": pa.int64(), "exact": pa.bool_(), "hits": pa.list_(pa.int32(), 256)}
@@ -214,6 +227,31 @@ def test_what_may_be_on_the_front_is_what_none_beats_for_certain() -> None:
     front.add(bounded((0, 0.45, None, None)))
     assert front.points().design.tolist() == [1]
     assert front.points().exact.all()
+
+
+def test_a_threshold_that_detects_most_of_what_is_flawless_is_no_point() -> None:
+    """At P1 of 0.0175 half of it is, with this P2: 0.9 (1 / P1 - 1) of 1 / 0.01 - 1."""
+    front = Front()
+    front.add(bounded((0, 0.0179, None, None), (1, 0.0178, None, None)))
+    assert front.points().design.tolist() == [0]
+    front = Front()
+    front.add(bounded((1, 0.0178, None, None)))
+    assert not len(front.points().design)
+    # Bounds of which one is on either side may be one, and beat nothing.
+    front.add(bounded((2, 0.0178, 0.017, 0.03), (3, 0.0179, None, None)))
+    assert front.pool.design.tolist() == [2, 3]
+
+
+def test_of_heights_of_the_tunnel_not_all_are_counted_whole(
+    opencl: OpenCLBackend, tmp_path: Path
+) -> None:
+    """All detect everything at low thresholds; made exact for that, none would be screened."""
+    plan = Plan.of(gpuspec.example("trim"), {"tunnel.height_mm": "100:300:12"})
+    runs = [sweep(replace(plan, samples=n), tmp_path / str(n), backend=opencl) for n in (0, 16_384)]
+    assert 0 < runs[1].table(["exact"])["exact"].to_numpy().sum() < plan.designs / 2
+    whole, screened = (choose(run).front for run in runs)
+    for name in ("design", "level", "p1", "p2", "hits"):
+        np.testing.assert_array_equal(getattr(whole, name), getattr(screened, name))
 
 
 def test_an_estimate_lies_within_its_bounds() -> None:

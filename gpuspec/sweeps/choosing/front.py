@@ -1,4 +1,8 @@
-"""The front: the points that no other beats in P1, P2 and defects hit together."""
+"""The front: the points that no other beats in P1, P2 and defects hit together.
+
+Thresholds at which more than half of what is flawless is detected are no points. Every design has
+some that detect everything: all have the same P1 and a P2 of 1, which nothing beats.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +17,10 @@ from gpuspec.light.constants import LEVELS
 
 COLUMNS = ("design", "exact", "p1", "p2", "hits", "p1_low", "p1_high")
 """Of a sweep's table, what a score is made of."""
+
+MOST = 0.5
+"""Share of what is flawless, of all that is detected at the lowest threshold, that a point may
+detect at most."""
 
 
 @dataclass(frozen=True)
@@ -129,8 +137,6 @@ class Front:
         """Add rows of a sweep's table, in place of earlier ones of the same designs."""
         self.pool = self.pool.only(~np.isin(self.pool.design, table["design"].to_numpy()))
         greatest, least = _points(table)
-        open_ = ~dominated(greatest, self._sure)
-        greatest, least = greatest.only(open_), least.only(open_)
         self._sure = self._sure.with_points(least)
         self._sure = self._sure.only(~dominated(self._sure, self._sure))
         self.pool = self.pool.with_points(greatest)
@@ -183,4 +189,15 @@ def _points(table: pa.Table) -> tuple[Points, Points]:
     at = row, level
     design, exact = table["design"].to_numpy()[row], low[at] == high[at]
     greatest = Points(design, level, high[at], p2[at], hits[at].astype(np.int64), exact)
-    return greatest, replace(greatest, p1=low[at])
+    least = replace(greatest, p1=low[at])
+    fewest, most = _detected(p2, high), _detected(p2, low)
+    maybe = ~(fewest > MOST * most[:, :1])[at]
+    surely = ~(most > MOST * fewest[:, :1])[at]
+    return greatest.only(maybe), least.only(surely)
+
+
+def _detected(p2: NDArray[np.float64], p1: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how many flawless pixels are detected at each threshold, over those of the zones."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found: NDArray[np.float64] = p2 * (1 / p1 - 1)
+    return found
