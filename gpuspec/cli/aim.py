@@ -43,6 +43,40 @@ class Asked:
     min_area_mm2: float | None
 
 
+def told_apart(
+    given: Sequence[str], require: Sequence[str] | None, what: str
+) -> tuple[Path, list[str]]:
+    """Return what a command is about, and all requirements.
+
+    One option takes one word: requirements after the first stand without.
+
+    Parameters
+    ----------
+    given : sequence of str
+        What stands without an option.
+    require : sequence of str or None
+        Of the option.
+    what : str
+        What the command is about, e.g. "folder of a sweep".
+
+    Raises
+    ------
+    StationError
+        If none or more than one is named.
+    """
+    from gpuspec.errors import StationError
+    from gpuspec.sweeps.aim import is_requirement
+
+    asked_for = [text for text in given if is_requirement(text) and not Path(text).exists()]
+    places = [text for text in given if text not in asked_for]
+    if len(places) != 1:
+        raise StationError(
+            f"name one {what}, not {len(places)}; a requirement is written with =, "
+            f'<= or >=, e.g. --require "hits = all".'
+        )
+    return Path(places[0]), [*(require or ()), *asked_for]
+
+
 def asked(
     given: Sequence[str],
     goal: str | None,
@@ -65,18 +99,11 @@ def asked(
         If no folder or more than one is named, or what is asked for cannot be.
     """
     from gpuspec.errors import StationError
-    from gpuspec.sweeps.aim import Aim, is_requirement
+    from gpuspec.sweeps.aim import Aim
     from gpuspec.sweeps.measures import measure
     from gpuspec.sweeps.rule import Rule
 
-    folders = [text for text in given if not is_requirement(text)]
-    required = [*(require or ()), *(text for text in given if is_requirement(text))]
-    if len(folders) != 1:
-        raise StationError(
-            f"name one folder of a sweep, not {len(folders)}; a requirement is written with =, "
-            f'<= or >=, e.g. --require "hits = all".'
-        )
-    place = Path(folders[0])
+    place, required = told_apart(given, require, "folder of a sweep")
     if goal in RULES and not required:
         if over is None and min_area_mm2 is None:
             return place, None

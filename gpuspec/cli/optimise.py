@@ -19,7 +19,6 @@ from gpuspec.cli.options import (
     ForceOption,
     OutputOption,
     SetOption,
-    StationArgument,
     changed,
 )
 from gpuspec.cli.sweep import SeedsOption
@@ -33,7 +32,12 @@ if TYPE_CHECKING:
 
 
 def optimise(
-    station: StationArgument,
+    station: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="STATION [REQUIREMENT]...", help="Station file (TOML); requirements, too."
+        ),
+    ],
     vary: Annotated[
         list[str] | None,
         typer.Option(
@@ -78,7 +82,7 @@ def optimise(
     with extra("optimise"):
         from gpuspec.sweeps.searching.optimise import WRITTEN, outputs, plan_of
         from gpuspec.sweeps.searching.optimise import optimise as search
-    from gpuspec.cli.aim import RULES, check_no_floors
+    from gpuspec.cli.aim import RULES, check_no_floors, told_apart
     from gpuspec.errors import StationError
     from gpuspec.files import check_new, write_new
     from gpuspec.station.station import Station
@@ -88,16 +92,17 @@ def optimise(
     from gpuspec.sweeps.rule import Rule
     from gpuspec.sweeps.searching.picture import optimise_picture, write_trials
 
+    place, required = told_apart(station, require, "station file")
     floors = {"p2_floor": p2_floor, "p1_floor": p1_floor, "hit_share": hit_share}
     told_floors = {k: v for k, v in floors.items() if v is not None}
     rule: Rule | Aim
-    if require or goal not in RULES:
+    if required or goal not in RULES:
         check_no_floors(told_floors)
-        rule = Aim("p1" if goal == "paper" else goal, tuple(require or ()))  # type: ignore[arg-type]
+        rule = Aim("p1" if goal == "paper" else goal, tuple(required))  # type: ignore[arg-type]
     else:
         rule = Rule(**{"goal": "p1" if goal == "paper" else goal, **told_floors})  # type: ignore[arg-type]
     choices = choices_of(choose)
-    described = changed(Station.read(station), change)
+    described = changed(Station.read(place), change)
     between = vary_options(vary, VARY_BETWEEN) if vary else None
     for key, given in (between or {}).items():
         if given.count(":") == 2:

@@ -436,18 +436,21 @@ def test_choices_that_cannot_be_are_refused(open_plan, tmp_path, opencl, choices
 
 
 def test_the_command_searches_by_an_aim(folder, gpuspec_):
-    ran = gpuspec_("optimise", "s.toml", "--vary", "sensor.exposure=2:8", "--choose",
+    Path("s.toml").rename("s=1.toml")  # which is no requirement
+    ran = gpuspec_("optimise", "s=1.toml", "--vary", "sensor.exposure=2:8", "--choose",
                    "sequence.images=4:12:3", "--choose", "sensor.noise=true,false", "--goal",
-                   "margin_dn", "--require", "images <= 8", "--trials", "6", "-o", "o",
+                   "margin_dn", "--require", "images <= 8", "hits >= 0", "--trials", "6", "-o", "o",
                    "--write", "b.toml")  # fmt: skip
     assert ran.code == 0, ran.err
-    assert "rule: images <= 8, then the most margin_dn" in ran.out
+    assert "rule: images <= 8, hits >= 0, then the most margin_dn" in ran.out
     assert Station.read("b.toml").sequence.images <= 8
     with Path("o/trials.csv").open(encoding="utf-8") as file:
         assert {row["sequence.images"] for row in csv.DictReader(file)} <= {"4", "8", "12"}
-    told = said(gpuspec_("optimise", "s.toml", "--vary", "sensor.exposure=2:8", "--goal", "images",
+    told = said(gpuspec_("optimise", "s=1.toml", "--vary", "sensor.exposure=2:8", "--goal",
+                         "images",
                          "--p1-floor", "0.5", "-o", "p"))  # fmt: skip
     assert '--require "p1 >= 0.5"' in told
+    assert "name one station file, not 2" in said(gpuspec_("optimise", "s=1.toml", "t.toml"))
 
 
 def test_the_picture_of_a_search_by_an_aim_is_legible(open_plan, tmp_path, opencl, monkeypatch):
