@@ -19,6 +19,12 @@ NO_DATA_SHEET = {
 }
 """Changes that leave a camera its sampling, pupil and blur, and let them be changed one by one."""
 
+BELL = 4.0
+"""What t + c t^3 has for c where points stand for a Gaussian. Against images blurred one by one, by
+0.25 to 2 pixels, 8 x 8 points are nearest at 3 to 5. With the Gaussian's own fourth cumulant, at
+c = 12 and more, they crowd in the middle, and the largest error is two to three times as large."""
+
+_BOX, _FEW = -1.2, 4
 _MICRO = 1e-3  # mm in a micrometre
 _HALF = math.sqrt(2 * math.log(2)) / (2 * math.pi)  # exp(-2 (pi s f)^2) = 1/2 at s f = this
 _AIRY_HALF = 0.404  # of the cut-off 1 / (wavelength N): where a perfect lens has half its contrast
@@ -136,35 +142,31 @@ def depth_of_field_mm(pupil_mm: float, focus_mm: float, spot_mm: float) -> tuple
 
 
 @cache
-def spread(excess: float) -> tuple[float, float]:
-    """Return a and b so that a t + b t^3 has a kurtosis, and the variance that t has.
+def spread(excess: float, n: int) -> tuple[float, float]:
+    """Return a and b so that n points a t + b t^3, each a box of side 1/n, stand for a bell.
 
-    Of t, even from -1/2 to 1/2: points of equal weight then stand for any bell.
+    Of n points t, even from -1/2 to 1/2. Points and boxes have the variance 1/12 together, whatever
+    n is; b/a lies between that of a box and what `BELL` says of a Gaussian. Four points or fewer
+    stand best as of a box: towards the middle of a bell they leave its sides to two of them.
 
     Parameters
     ----------
     excess : float
         Fourth cumulant over the variance squared: -1.2 of a box, 0 of a Gaussian.
+    n : int
 
     Examples
     --------
     >>> from gpuspec.station.optics import spread
-    >>> spread(-1.2)
-    (1.0, 0.0)
-    >>> first, third = spread(0.0)
+    >>> spread(-1.2, 8), spread(0.0, 4)
+    ((1.0, 0.0), (1.0, 0.0))
+    >>> first, third = spread(0.0, 8)
     >>> round(first, 3), round(third, 3)
-    (0.351, 4.084)
+    (0.627, 2.507)
     """
-    low, high = 0.0, 1e3
-    for _ in range(60):
-        cube = (low + high) / 2
-        variance, fourth = _moments(cube)
-        low, high = (cube, high) if fourth / variance**2 < 3 + excess else (low, cube)
-    scale = 1 / math.sqrt(12 * _moments(low)[0])
-    return scale, scale * low
-
-
-def _moments(r: float) -> tuple[float, float]:
-    """Return the means of (t + r t^3)^2 and ^4, of t^2n being 1 / 4^n (2n + 1)."""
-    square = 1 / 12 + r / 40 + r**2 / 448
-    return square, 1 / 80 + r / 112 + r**2 / 384 + r**3 / 2816 + r**4 / 53248
+    cube = BELL * (1 - excess / _BOX)
+    if n <= _FEW or cube <= 0:
+        return 1.0, 0.0
+    t = [(i + 0.5) / n - 0.5 for i in range(n)]
+    scale = math.sqrt(sum(u**2 for u in t) / sum((u + cube * u**3) ** 2 for u in t))
+    return scale, scale * cube

@@ -22,6 +22,7 @@ _SAME = 1e-6
 """Share by which a value may differ from what follows from others: as both are written."""
 
 OUTERMOST = 0.45
+MOST_SIDES = 8
 """Of a pixel: where the outermost of 8 sub-rays on a side is, and float32's doubt."""
 
 
@@ -396,18 +397,21 @@ class Camera(Section):
 
         Of their distance in pixels and of its cube; see :func:`gpuspec.station.optics.spread`.
         """
+        return self._spread(self.side)
+
+    def _spread(self, n: int) -> tuple[float, float]:
         side = self.spot_side_mm
         if side == self.sampling_mm:
             return 0.0, 0.0
         disc = self.off_focus * self.pupil_mm / 2
         cumulant = -(self.sampling_mm**4) / 120 - disc**4 / 16
-        first, third = spread(cumulant / (side**2 / 12) ** 2)
+        first, third = spread(cumulant / (side**2 / 12) ** 2, n)
         return side / self.sampling_mm * first - 1, side / self.sampling_mm * third
 
     @property
     def reach_px(self) -> float:
         """How far from a pixel's centre its sub-rays look at most, in pixels; with auto of any."""
-        first, third = self.spread
+        first, third = self._spread(MOST_SIDES)
         return OUTERMOST * (1 + first + third * OUTERMOST**2)
 
     @property
