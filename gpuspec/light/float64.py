@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gpuspec.arrays import Lost
 from gpuspec.part.grooves import Grooves, averaged
+from gpuspec.part.maps import averaged as averaged_maps
 from gpuspec.part.maps import relief_at
 from gpuspec.part.marches import MARCH_STEPS, March, march_of
 from gpuspec.part.pose import Frames
@@ -83,7 +84,7 @@ class Part:
             reach = _REACH * self.grooves.sigma[self.first, None]
             self.low = np.minimum.reduceat(corners.min(axis=1), self.first) - reach
             self.high = np.maximum.reduceat(corners.max(axis=1), self.first) + reach
-        self.maps = relief.maps
+        self.maps = averaged_maps(relief.maps, station)
         self.edges = relief.edges
         self.march = march_of(station, relief)
         self.free = station.posed or self.march is not None

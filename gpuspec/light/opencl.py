@@ -33,6 +33,7 @@ from gpuspec.light.records import (
 from gpuspec.light.refinement import WIDTH_MM, Neighbourhood, bend_of
 from gpuspec.light.tiles import PlanarTile, TiledLightMap
 from gpuspec.part.grooves import BLOCK
+from gpuspec.part.maps import averaged
 from gpuspec.part.marches import MARCH_STEPS, march_of
 from gpuspec.part.relief import Relief
 from gpuspec.station.station import Station
@@ -152,7 +153,8 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
         self.backend = backend
         self._sub_rays = station.camera.sub_rays
         first, pieces = relief.blocks(station)
-        records = map_records(relief.maps, station)
+        maps = averaged(relief.maps, station)
+        records = map_records(maps, station)
         self._march = march_of(station, relief)
         self._posed = station.posed or self._march is not None
         self._inputs: tuple[Any, ...] = (
@@ -162,7 +164,7 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
             backend.constant(pieces),
             backend.constant(records),
             np.int32(len(records)),
-            backend.constant(coefficients(relief.maps)),
+            backend.constant(coefficients(maps)),
         )
         self._pieces_met = np.diff(first)
         self._surroundings: Surroundings | None = None

@@ -31,6 +31,7 @@ from gpuspec.light.records import (
 )
 from gpuspec.light.sources import named_files, numbered_lines, shader_source
 from gpuspec.light.tiles import RayTile, ShaderLightMap, light_words
+from gpuspec.part.maps import averaged
 from gpuspec.part.marches import march_of
 from gpuspec.part.relief import Relief
 from gpuspec.station.station import Station
@@ -326,7 +327,8 @@ class OpenGLLightMap(ShaderLightMap):
         self._width = -(-columns // self._wraps)
         self._sub_rays = station.camera.sub_rays
         first, pieces = relief.blocks(station)
-        records = map_records(relief.maps, station)
+        maps = averaged(relief.maps, station)
+        records = map_records(maps, station)
         self._map_count = len(records)
         march = march_of(station, relief)
         self._geometry = geometry_block(station, march)
@@ -342,7 +344,7 @@ class OpenGLLightMap(ShaderLightMap):
             "block_first": backend.listed(first),
             "pieces": backend.listed(pieces),
             "maps": backend.listed(records.reshape(-1, 4)),
-            "coefficients": backend.listed(coefficients(relief.maps)),
+            "coefficients": backend.listed(coefficients(maps)),
         }
         self._listed = {}
         if pixels is not None:

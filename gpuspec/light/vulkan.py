@@ -33,6 +33,7 @@ from gpuspec.light.records import (
 )
 from gpuspec.light.sources import shader_source
 from gpuspec.light.tiles import RayTile, ShaderLightMap, light_words
+from gpuspec.part.maps import averaged
 from gpuspec.part.marches import march_of
 from gpuspec.part.relief import Relief
 from gpuspec.station.station import Station
@@ -358,14 +359,15 @@ class VulkanLightMap(ShaderLightMap):
         self._columns = self.grid[1]
         self._sub_rays = station.camera.sub_rays
         first, pieces = relief.blocks(station)
-        records = map_records(relief.maps, station)
+        maps = averaged(relief.maps, station)
+        records = map_records(maps, station)
         self._maps = len(records)
         inputs = (
             piece_records(relief, station),
             first,
             pieces,
             records,
-            coefficients(relief.maps),
+            coefficients(maps),
         )
         binding = min(
             backend.limits["max-storage-buffer-binding-size"], backend.limits["max-buffer-size"]

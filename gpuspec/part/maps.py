@@ -9,8 +9,9 @@ the edge (a mirrored end would flatten it).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,7 @@ from gpuspec.topographies.file import POINTS_MAX, brief, read_topography, silenc
 from gpuspec.topographies.form import Heights, Mask, filled, form
 from gpuspec.units import MICRO
 
+_REMEMBERED = 2**22  # points of a map whose averages are kept: of five cuts, 160 MB
 _VARIANCE_MIN = 1e-9  # points^2; below, smoothing changes nothing
 _VARIANCE_WIDE = 1e6  # points^2; above, the Gaussian on the grid is the true one (and ive fails)
 
@@ -44,7 +46,8 @@ class TopographyMap:
     Attributes
     ----------
     heights_mm : ndarray of float64, shape (ny, nx)
-        Relief as a sub-ray averages it. Row 0 has the least y, column 0 the least x.
+        Relief itself or, of what :func:`averaged` returns, as a sub-ray averages it. Row 0 has the
+        least y, column 0 the least x.
     relief_mm : ndarray of float64, shape (ny, nx)
         Relief itself: filled, form removed, smoothed, faded out; the depth of a pit is read here.
     pitch_mm : tuple of float
@@ -58,6 +61,8 @@ class TopographyMap:
     remarks : tuple of str
         What was done to the map that its owner should know: filled, left out, cropped; a sentence
         each.
+    average : callable, optional
+        Returns the relief under a Gaussian of a variance in mm^2; None: as it is under any.
     """
 
     heights_mm: Heights
@@ -67,6 +72,12 @@ class TopographyMap:
     zone: Mask | None
     name: str
     remarks: tuple[str, ...] = ()
+    average: Callable[[float], Heights] | None = None
+    _known: dict[float, TopographyMap] = field(default_factory=dict, init=False, repr=False)
+
+    def __getstate__(self) -> dict[str, object]:
+        """Leave behind what can be worked out again."""
+        return {**self.__dict__, "_known": {}}
 
     def __repr__(self) -> str:
         ny, nx = self.heights_mm.shape
@@ -147,6 +158,34 @@ def read_maps(station: Station) -> tuple[TopographyMap, ...]:
     return tuple(maps)
 
 
+def averaged(maps: tuple[TopographyMap, ...], station: Station) -> tuple[TopographyMap, ...]:
+    """Return maps as a sub-ray averages them: over its share of all that a pixel looks at.
+
+    The same as of grooves, see :func:`gpuspec.part.grooves.averaged`: however a pixel is cut, its
+    sub-rays have the relief of their own size.
+
+    Parameters
+    ----------
+    maps : tuple of TopographyMap
+    station : Station
+        Its sampling, spot and subsampling are used.
+    """
+    variance = (station.camera.spot_side_mm / station.camera.side) ** 2 / 12
+    return tuple(_averaged(m, variance) for m in maps)
+
+
+def _averaged(m: TopographyMap, variance: float) -> TopographyMap:
+    """Return a map as a Gaussian of a variance leaves it; small ones are remembered."""
+    if m.average is None:
+        return m
+    if variance in m._known:
+        return m._known[variance]
+    found = replace(m, heights_mm=m.average(variance))
+    if m.heights_mm.size <= _REMEMBERED:
+        m._known[variance] = found
+    return found
+
+
 def relief_at(
     maps: tuple[TopographyMap, ...], x_mm: Heights, y_mm: Heights
 ) -> tuple[Heights, Heights, Heights, Heights, Heights, Heights]:
@@ -218,7 +257,7 @@ def _laid(
     taper: float,
     points: int,
 ) -> TopographyMap:
-    """Read a topography and make it the relief that a sub-ray sees; `points` are already read."""
+    """Read a topography and lay it on the part; `points` are already read."""
     says = f'{station.file}: {key}.file = "{topography.file}"'
     path = station.locate(topography.file)
     measured = read_topography(topography, path, station.file, key, points)
@@ -247,19 +286,26 @@ def _laid(
         tapers = _blending(station, topography, laid, rough.shape)
     ny, nx = rough.shape
     window = np.outer(_fading(ny, tapers[1]), _fading(nx, tapers[0]))
-    relief = _smoothed(rough, sigma**2, pitch) * window
+    smooth = _smoothed(rough, sigma**2, pitch)
+    relief = smooth * window
     check_relief(relief, laid)
     zone = _zone(station, topography, key, relief, heights.shape)
-    square = (station.camera.sampling_mm / station.camera.side) ** 2 / 12
     return TopographyMap(
-        _smoothed(rough, sigma**2 + square, pitch) * window,
+        relief,
         relief,
         pitch,
         laid.corner,
         None if zone is None else zone & defined,
         key,
         tuple(said),
+        partial(_smoothed_more, smooth, window, pitch),
     )
+
+
+def _smoothed_more(
+    smooth: Heights, window: Heights, pitch: tuple[float, float], variance: float
+) -> Heights:
+    return _smoothed(smooth, variance, pitch) * window
 
 
 def _fading(points: int, taper: float) -> Heights:

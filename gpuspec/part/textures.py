@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +32,7 @@ def textures(station: Station) -> tuple[TopographyMap, ...]:
     Parameters
     ----------
     station : Station
-        Its part and the size of its sub-rays are used: a sub-ray sees the mean over its square.
+        Its part is used.
 
     Raises
     ------
@@ -61,10 +63,11 @@ def _wave(station: Station) -> TopographyMap:
     x, y, pitch = _grid(station, (pitches[0], pitches[1]), "waviness")
     phase = math.radians(wave.phase_deg)
     relief = wave.amplitude_um * MICRO * np.cos(kx * x + ky * y + phase)
-    faded = _averaged(station, kx**2 + ky**2)
+    corner = float(x[0, 0]), float(y[0, 0])
     return TopographyMap(
-        relief * faded, relief, pitch, (float(x[0, 0]), float(y[0, 0])), None, "part.waviness"
-    )
+        relief, relief, pitch, corner, None, "part.waviness", (),
+        partial(_faded, relief, kx**2 + ky**2),
+    )  # fmt: skip
 
 
 def _peel(station: Station) -> TopographyMap:
@@ -89,16 +92,22 @@ def _peel(station: Station) -> TopographyMap:
     power = (np.abs(waves) ** 2 * twice * (2 * math.pi) ** 2 * square).sum()
     waves *= peel.slope_rad * math.prod(shape) / math.sqrt(power)
     relief = np.fft.irfft2(waves, shape)
-    seen = np.fft.irfft2(waves * _averaged(station, (2 * math.pi) ** 2 * square), shape)
+    corner = float(x[0, 0]), float(y[0, 0])
     return TopographyMap(
-        seen, relief, pitch, (float(x[0, 0]), float(y[0, 0])), None, "part.orange_peel"
-    )
+        relief, relief, pitch, corner, None, "part.orange_peel", (),
+        partial(_peel_faded, waves, (2 * math.pi) ** 2 * square, shape),
+    )  # fmt: skip
 
 
-def _averaged(station: Station, square: Heights | float) -> Heights:
-    """Return what the square of a sub-ray leaves of waves of a squared wave number, 1/mm^2."""
-    variance = (station.camera.sampling_mm / station.camera.side) ** 2 / 12
-    left: Heights = np.exp(-np.asarray(square) * variance / 2)
+def _peel_faded(
+    waves: NDArray[np.complex128], square: Heights, shape: tuple[int, int], variance: float
+) -> Heights:
+    return np.fft.irfft2(_faded(waves, square, variance), shape)
+
+
+def _faded(waves: NDArray[Any], square: Heights | float, variance: float) -> NDArray[Any]:
+    """Return what a Gaussian leaves of waves of a squared wave number, 1/mm^2."""
+    left: NDArray[Any] = waves * np.exp(-np.asarray(square) * variance / 2)
     return left
 
 

@@ -8,6 +8,7 @@ from maps import UNIT_MM, grid, patch_station, pit, polished, rejected, relief_s
 from PIL import Image
 from scenes import members
 from tolerances import (
+    MAP_AS_DENT_DN,
     MAP_CURVE_DIFFERENCE,
     MAP_FILLED_MM,
     MAP_FOOTPRINT,
@@ -25,7 +26,8 @@ from tolerances import (
 
 from gpuspec.light.opencl import OpenCLBackend
 from gpuspec.light.records import coefficients, map_records
-from gpuspec.part.maps import read_maps, relief_at, zone_at
+from gpuspec.part.maps import averaged, read_maps, relief_at, zone_at
+from gpuspec.station.station import Station
 
 
 @pytest.fixture(scope="module")
@@ -156,7 +158,7 @@ def test_the_device_sees_the_slopes_of_the_float64_spline(folder, backend):
     rows, columns = station.shape
     x = (np.arange(columns) + 0.5 - columns / 2)[None, :] * 0.004 + np.zeros((rows, 1))
     y = (rows / 2 - 0.5 - np.arange(rows))[:, None] * 0.004 + np.zeros((1, columns))
-    _, zx, zy, *_ = relief_at(read_maps(station), x, y)
+    _, zx, zy, *_ = relief_at(averaged(read_maps(station), station), x, y)
     view = np.stack([x, y, np.full_like(x, -150.0)])
     normal = np.stack([-zx, -zy, np.ones_like(x)])
     normal /= np.linalg.norm(normal, axis=0)
@@ -272,7 +274,7 @@ def test_smoothing_widens_a_pit_by_its_variance(tmp_path):
     x, y = grid(120, 100)
     write_sur(tmp_path / "x.sur", pit(x, y, (0, 0), 0.03, 1.0))
     station = relief_station(tmp_path, form_removed="none", smoothing_um=20.0)
-    (m,) = read_maps(station)
+    (m,) = averaged(read_maps(station), station)
     square = 0.004**2 / 12
     for relief, variance in ((m.relief_mm, 4e-4), (m.heights_mm, 4e-4 + square)):
         wide = np.sqrt(0.03**2 + variance)
@@ -284,7 +286,7 @@ def test_a_square_below_the_pitch_is_averaged_too(tmp_path):
     x, y = grid(120, 100)
     write_sur(tmp_path / "x.sur", pit(x, y, (0, 0), 0.012, 1.0))
     station = relief_station(tmp_path, form_removed="none").replace(camera__sampling_mm=0.004)
-    (m,) = read_maps(station)
+    (m,) = averaged(read_maps(station), station)
     wide = np.sqrt(0.012**2 + 0.004**2 / 12)
     expected = pit(x, y, (0, 0), wide, (0.012 / wide) ** 2)
     np.testing.assert_allclose(m.heights_mm[::-1], expected, atol=MAP_SMOOTHED_MM)
@@ -292,8 +294,45 @@ def test_a_square_below_the_pitch_is_averaged_too(tmp_path):
 
 
 def test_a_pixel_larger_than_the_map_is_no_burden(folder):
-    (m,) = read_maps(patch_station(folder, sampling=500.0, taper=0))
+    station = patch_station(folder, sampling=500.0, taper=0)
+    (m,) = averaged(read_maps(station), station)
     assert np.ptp(m.heights_mm) < 0.1 * np.ptp(m.relief_mm)
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [{}, {"subsampling": 4}, {"subsampling": 1, "blur_mm": 0.05}, {"blur_mm": 0.1, "pupil_mm": 3.0},
+     {"focus_mm": 700.0, "pupil_mm": 4.0}],
+    ids=str,
+)  # fmt: skip
+@pytest.mark.parametrize("diameter", [0.3, 1.0])
+def test_a_dent_measured_finely_looks_as_the_dent_itself(tmp_path, backend, camera, diameter):
+    """However its pixels are cut and whatever they look at: sub-rays of both see as much of it."""
+    sigma = diameter / 4
+    pitch, depth = sigma / 8, 6 * diameter
+    x, y = grid(193, 193, pitch)
+    write_sur(tmp_path / "x.sur", pit(x, y, (0, 0), sigma, depth), None, (pitch, pitch), 1e-8)
+    place = {"x_mm": 0.03, "y_mm": -0.02}
+    dent = {"kind": "dent", "diameter_mm": diameter, "depth_um": depth, **place}
+    measured = {"kind": "measured", "file": "x.sur", "form_removed": "none", "taper": 0.0, **place}
+    measured["zone_height_um"] = depth / 8
+    images = [
+        backend.trace(
+            Station.from_dict(
+                {
+                    "part": {"length_mm": 16.0, "width_mm": 6.0},
+                    "camera": {"sampling_mm": 0.1, "columns": 40, "rows": 30, "pupil_mm": 0.0,
+                               **camera},
+                    "sequence": {"images": 12},
+                    "defects": [defect],
+                },
+                "s.toml", tmp_path,
+            )
+        ).aspect()
+        for defect in (dent, measured)
+    ]  # fmt: skip
+    assert images[0].max() > np.median(images[0]) + 20
+    np.testing.assert_allclose(*images, atol=MAP_AS_DENT_DN)
 
 
 def test_a_patch_fades_to_zero_over_its_taper(folder):

@@ -345,7 +345,7 @@ class _Ground:
         edge, doubt = _EDGE, 1e-6 * half.max()
         if part.surface == "height":
             deep = sum(abs(float(d)) for d in relief.grooves.depth)
-            deep += sum(float(np.abs(m.heights_mm).max()) for m in relief.maps)
+            deep += sum(float(np.abs(m.relief_mm).max()) for m in relief.maps)
             low, high = (
                 1 - (z + s * deep) / h
                 for z, s in zip(part.height_range_mm[::-1], (1, -1), strict=True)
