@@ -23,13 +23,16 @@ from gpuspec.light.refinement import (
     ACROSS,
     SIDES,
     Neighbourhood,
+    at_loss_within,
     bend_of,
     by_cut,
+    further,
     with_neighbours,
 )
 from gpuspec.part.crossings import crossings
 from gpuspec.part.edges import cut_at_border
 from gpuspec.part.grooves import by_block
+from gpuspec.part.guard import widened
 from gpuspec.part.relief import Relief
 from gpuspec.station.station import Station
 
@@ -89,7 +92,7 @@ class RefinedLightMap(LightMap):
             return {}  # sub-rays would miss a part that is thinner
         border = cut_at_border(relief.edges, station).astype(np.uint32)
         if listed is None and min(station.shape) >= ACROSS:
-            sides = self.base.sides_needed().ravel()
+            sides = at_loss_within(self.base.sides_needed(), further(station.camera)).ravel()
         else:
             every = np.arange(station.shape[0] * station.shape[1], dtype=np.uint32)
             sides = self._sides_of(every if listed is None else listed)
@@ -106,11 +109,19 @@ class RefinedLightMap(LightMap):
         there = pixels != NO_PIXEL
         several, which = np.unique(pixels[there], return_inverse=True)
         wider, own = with_neighbours(self.station, several.astype(np.int64))
-        around = Neighbourhood(own, wider.shape)
+        every, beyond = own, further(wider.camera)
+        for _ in range(beyond):
+            every = widened(every, wider.shape)
+        around = Neighbourhood(every, wider.shape)
         arrays = self._coarse(around.pixels.astype(np.uint32), wider).read()
         light, wide = arrays.light_mm[0, 0], arrays.wide_mm[0, 0]
+        found = around.sides_needed(light, wide, bend_of(wider.camera))
+        near = every[found == AT_LOSS]
+        for _ in range(beyond):
+            near = widened(near, wider.shape)
+        found[np.isin(every, near, assume_unique=True)] = AT_LOSS
         sides = np.ones(len(pixels), np.uint8)
-        sides[there] = around.sides_needed(light, wide, bend_of(wider.camera))[which]
+        sides[there] = found[np.searchsorted(every, own)][which]
         return sides
 
     @property

@@ -21,6 +21,7 @@ of those refined is up to three times as large.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -64,6 +65,7 @@ CUTS = (*SIDES, CREASED, -SLICES)
 ACROSS = 3
 """Pixels that differences take: an image of fewer across is seen with neighbours beyond it."""
 
+_TOLD = 2  # pixels on either side of an edge of loss that their neighbours tell of it
 _BAND = 256  # rows at once, which a processor's cache holds
 
 
@@ -77,6 +79,35 @@ def bend_of(camera: Camera) -> float:
     camera : Camera
     """
     return BEND * (camera.sampling_mm / camera.spot_side_mm) ** 2
+
+
+def further(camera: Camera) -> int:
+    """Return by how many pixels more than their neighbours tell spots reach over an edge of loss.
+
+    Parameters
+    ----------
+    camera : Camera
+    """
+    return max(math.ceil(camera.reach_px - 0.5) - _TOLD, 0)
+
+
+def at_loss_within(sides: NDArray[np.uint8], distance: int) -> NDArray[np.uint8]:
+    """Return how pixels are refined that see an edge of loss so many pixels further away, too.
+
+    Parameters
+    ----------
+    sides : ndarray of uint8, shape (M, N)
+        See :func:`sides_needed`.
+    distance : int
+        Of :func:`further`.
+    """
+    lossy = sides == AT_LOSS
+    if not distance or not lossy.any():
+        return sides
+    from scipy import ndimage  # slow to import
+
+    near = ndimage.maximum_filter(lossy, 2 * distance + 1, mode="constant")
+    return np.where(near, np.uint8(AT_LOSS), sides)
 
 
 def sides_needed(

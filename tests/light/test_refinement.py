@@ -139,6 +139,28 @@ def test_by_the_images_border_the_parts_edge_is_told_as_far_as_a_blurred_pixel_l
     assert everywhere[25, 25] - everywhere[25, -2] > 1  # what is beyond counts
 
 
+@pytest.mark.parametrize(
+    "camera", [{"blur_mm": 0.2}, {"pupil_mm": 6.0, "focus_mm": 650.0}], ids=["blur", "focus"]
+)
+def test_of_a_wide_spot_an_edge_within_the_image_is_told_as_far_as_it_looks(backend, camera):
+    """Pixels beside the part see it, and those on it what is beside, in the image as in a list."""
+    station = check_station(pupil=0.0).replace(
+        part={"length_mm": 3.0, "width_mm": 2.5}, camera={"sampling_mm": 0.1, "columns": 50,
+        "rows": 40, **camera}, defects=[],
+    )  # fmt: skip
+    auto, everywhere = (
+        backend.trace(station.replace(camera__subsampling=n)).aspect() for n in ("auto", 8)
+    )
+    lost = backend.trace(station.replace(camera__subsampling=1)).lost() > 0
+    assert (everywhere[lost] > 0).sum() > 300
+    gap = np.abs(auto - everywhere)
+    assert gap[lost].max() < 0.01
+    assert gap.max() < 1.5  # beyond an edge's reach one footprint is taken: 1.0 measured
+    pixels = np.random.default_rng(3).permutation(station.shape[0] * station.shape[1])[:600]
+    listed = backend.trace(station, pixels=pixels.astype(np.uint32))
+    np.testing.assert_array_equal(listed.aspect()[0], auto.flat[pixels])
+
+
 @pytest.mark.parametrize("changes", [SCENES["ceiling"], SCENES["height in a box"]])
 def test_what_is_left_at_one_footprint_is_as_good_as_8_by_8(opencl, changes):
     station = scene(**changes)

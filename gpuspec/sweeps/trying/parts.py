@@ -20,7 +20,7 @@ from gpuspec.light.levels import LevelCounter, Levels, Pixels, Sample, Zones
 from gpuspec.light.light_map import LIGHT, LightMap, in_closed_form
 from gpuspec.light.refined import with_cut
 from gpuspec.light.refined_levels import RefinedCounter
-from gpuspec.light.refinement import ACROSS
+from gpuspec.light.refinement import ACROSS, further
 from gpuspec.part.guard import near
 from gpuspec.part.placement import place
 from gpuspec.part.relief import Relief
@@ -478,14 +478,17 @@ def counted_whole(station: Station) -> bool:
     """Return whether a part's images are counted whole, for nothing tells which pixels can be left.
 
     None of a posed part; of one that is uneven any pixel may have sub-rays, and of such no bound is
-    known; a few pixels across are seen with neighbours beyond the image.
+    known; a few pixels across are seen with neighbours beyond the image; wide spots reach further
+    than neighbours.
 
     Parameters
     ----------
     station : Station
     """
-    refined = station.camera.subsampling != 1
-    return station.posed or (refined and (station.part.uneven or min(station.shape) < ACROSS))
+    camera = station.camera
+    narrow = min(station.shape) < ACROSS
+    refined = station.part.uneven or narrow or further(camera) > 0
+    return station.posed or (camera.subsampling != 1 and refined)
 
 
 def geometry(station: Station) -> str:
