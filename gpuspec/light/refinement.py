@@ -55,9 +55,10 @@ both are below 0.05 grey levels, up to 0.02 more. Fewer squares than 8 x 8 are l
 enough, oblique slices are worse."""
 
 CREASED = 16
-"""Sub-rays on a side in place of the most where a scratch bends within a pixel: the light
+"""Sub-rays on a side in place of 4 or more where a scratch bends within a pixel: the light
 coordinate jumps there, and a sub-ray is on one side or the other. Of scenes kept back it lowers the
-largest error of a pinhole's view from 5.0 grey levels to 1.7."""
+largest error of a pinhole's view from 5.0 grey levels to 1.7; of pixels at bends of scratches 1.2
+to 2.5 pixels wide for which 4 x 4 seem enough, that of the rest from 11.8 to 2.7."""
 
 CUTS = (*SIDES, CREASED, -SLICES)
 """How a refined pixel is cut, as `Camera.subsampling` has it: into n x n squares, or -n slices."""
@@ -328,10 +329,10 @@ def by_cut(
         Returns what crosses some, given by their numbers: see :mod:`gpuspec.part.crossings`.
     """
     cuts = sides.astype(np.int8)
-    finest = np.flatnonzero(sides == SIDES[-1])
-    across = crossings(finest)
-    cuts[finest[across == GROOVE]] = -SLICES
-    cuts[finest[across == CREASE]] = CREASED
+    asked = np.flatnonzero(sides >= SIDES[-2])
+    across = crossings(asked)
+    cuts[asked[(across == GROOVE) & (sides[asked] >= SIDES[-1])]] = -SLICES
+    cuts[asked[across == CREASE]] = CREASED
     # An edge of loss need not run along a groove: slices would not tell on which side they are.
     cuts[sides == AT_LOSS] = SIDES[-1]
     places = {cut: np.flatnonzero(cuts == cut) for cut in CUTS}

@@ -12,7 +12,8 @@ from gpuspec.light.levels import Zones, levels_of
 from gpuspec.light.light_map import LightMap
 from gpuspec.light.opencl import OpenCLBackend
 from gpuspec.light.opencl_refinement import Surroundings
-from gpuspec.light.refinement import SIDES, Neighbourhood, sides_needed
+from gpuspec.light.refinement import CREASED, SIDES, SLICES, Neighbourhood, by_cut, sides_needed
+from gpuspec.part.crossings import CREASE, GROOVE
 
 DEFECTS = [
     {"kind": "dent", "x_mm": -1.9, "y_mm": 1.7, "diameter_mm": 0.8, "depth_um": 6.0},
@@ -159,6 +160,16 @@ def test_of_a_wide_spot_an_edge_within_the_image_is_told_as_far_as_it_looks(back
     pixels = np.random.default_rng(3).permutation(station.shape[0] * station.shape[1])[:600]
     listed = backend.trace(station, pixels=pixels.astype(np.uint32))
     np.testing.assert_array_equal(listed.aspect()[0], auto.flat[pixels])
+
+
+def test_a_crease_is_cut_finely_where_four_squares_seem_enough():
+    """Where a scratch 2 pixels wide bends its footprint is wide, and the bound with it."""
+    sides = np.array([1, 2, 4, 8, 4, 8, AT_LOSS], np.uint8)
+    across = np.array([CREASE, CREASE, CREASE, CREASE, GROOVE, GROOVE, CREASE], np.uint8)
+    found = by_cut(sides, lambda some: across[some])
+    assert {cut: places.tolist() for cut, places in found.items()} == {
+        2: [1], 4: [4], CREASED: [2, 3], -SLICES: [5], 8: [6],
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("changes", [SCENES["ceiling"], SCENES["height in a box"]])
