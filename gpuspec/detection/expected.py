@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.arrays import LabelImage, Mask, check_label_image, check_mask
+from gpuspec.detection.false_blobs import least_pixels
+from gpuspec.station.station import Station
 
 _NEVER = 9.0  # standard deviations: of 1e18 normal numbers less than one is as far away
 
@@ -48,6 +50,28 @@ class Expected:
     def as_dict(self) -> dict[str, Any]:
         """Return it as JSON takes it."""
         return asdict(self)
+
+
+def pixel_by_pixel(station: Station) -> bool:
+    """Whether a pixel is detected by its own grey level, whatever is beside it.
+
+    With a background, another polarity or a size filter it is not, and nothing is expected of a
+    score.
+
+    Parameters
+    ----------
+    station : Station
+
+    Examples
+    --------
+    >>> from gpuspec.detection.expected import pixel_by_pixel
+    >>> station = gpuspec.Station()
+    >>> pixel_by_pixel(station), pixel_by_pixel(station.replace(segmentation__polarity="dark"))
+    (True, False)
+    """
+    rule = station.segmentation
+    plain = rule.polarity == "bright" and not rule.background_mm
+    return plain and least_pixels(rule.min_area_mm2, station.camera.sampling_mm) <= 1
 
 
 def expected_score(

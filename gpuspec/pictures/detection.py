@@ -17,7 +17,8 @@ from matplotlib.transforms import Transform
 from numpy.typing import NDArray
 
 from gpuspec import words
-from gpuspec.arrays import pooled
+from gpuspec.arrays import BESIDE, pooled
+from gpuspec.detection.inspection import levelled
 from gpuspec.detection.measures import measure_blobs
 from gpuspec.pictures.page import (
     MARGIN,
@@ -192,9 +193,8 @@ def _finds(result: Inspected) -> list[_Find]:
     if result.score is None:
         return _blob_finds(result, "found", np.arange(len(result.blobs)))
     sampling = result.station.camera.sampling_mm
-    zones = measure_blobs(
-        result.truth, result.aspect, sampling_mm=sampling, flawless_dn=result.flawless_dn
-    )
+    held = levelled(result.aspect, result.lost != BESIDE, result.station, result.lost == 0)
+    zones = measure_blobs(result.truth, held, sampling_mm=sampling, flawless_dn=result.flawless_dn)
     finds = []
     for zone in zones.rows():
         number = int(zone["label"])

@@ -8,6 +8,7 @@ from matplotlib.patches import StepPatch
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from gpuspec.arrays import BESIDE
+from gpuspec.detection.inspection import levelled
 from gpuspec.pictures.page import MARGIN, VERMILION, WIDTH, Sheet
 from gpuspec.pictures.seen import Inspected
 
@@ -15,19 +16,22 @@ from gpuspec.pictures.seen import Inspected
 def histogram_picture(result: Inspected) -> Figure:
     """Draw how often each grey level of the aspect image comes, inside and outside the zones.
 
+    Without its background, and turned, where the station asks for that.
+
     Returns
     -------
     Figure
         Over the pixels on the part, as they are scored.
     """
-    full = result.station.sensor.full_scale_dn
-    low, high = float(result.aspect.min()), float(result.aspect.max())
+    station, full = result.station, result.station.sensor.full_scale_dn
+    held = levelled(result.aspect, result.lost != BESIDE, station, result.lost == 0)
+    low, high = float(held.min()), float(held.max())
     low = min(low, result.flawless_dn)
     high = max(high, min(result.threshold, full))
     margin = max(0.04 * (high - low), 0.005 * full)
     low, high = max(low - margin, 0), min(high + margin, full)
     bins = 240
-    bin_of = ((result.aspect - np.float32(low)) * np.float32(bins / (high - low))).astype(np.int16)
+    bin_of = ((held - np.float32(low)) * np.float32(bins / (high - low))).astype(np.int16)
     np.clip(bin_of, 0, bins - 1, out=bin_of)
     # Both counts in one pass: bins of the zones come after those outside, unscored pixels last.
     bin_of[result.truth != 0] += bins
@@ -35,7 +39,8 @@ def histogram_picture(result: Inspected) -> Figure:
     outside, inside = np.bincount(bin_of.ravel(), minlength=2 * bins + 1)[:-1].reshape(2, bins)
 
     sheet = Sheet(WIDTH, 660)
-    sheet.heading("Grey levels of the aspect image", result.about)
+    said = "" if held is result.aspect else ", as the threshold is held against it"
+    sheet.heading(f"Grey levels of the aspect image{said}", result.about)
     left = MARGIN + 50  # for counts of ten million
     ax = sheet.axes(left, 108, WIDTH - MARGIN - left, 480)
     edges = np.linspace(low, high, bins + 1)

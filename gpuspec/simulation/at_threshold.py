@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gpuspec.arrays import BESIDE
 from gpuspec.detection.connected import connected
-from gpuspec.detection.expected import Expected
+from gpuspec.detection.expected import Expected, pixel_by_pixel
 from gpuspec.detection.false_blobs import false_blobs, least_pixels
+from gpuspec.detection.inspection import levelled
 from gpuspec.light.light_map import has_noisy_form
 from gpuspec.simulation.simulate import Traced
 from gpuspec.station.station import Station
@@ -28,7 +31,8 @@ class AtThreshold:
     false_px, false_blobs : int
         Beyond the guard bands.
     peaks_dn, sizes_mm, kinds : tuple
-        Of each defect in view: level of its brightest pixel, size and kind.
+        Of each defect in view: level of its brightest pixel, size and kind. Levels are those that a
+        threshold is held against, see :func:`gpuspec.detection.inspection.levelled`.
     hit : tuple of bool
         Which of these are hit.
     flawless_dn : float
@@ -80,7 +84,7 @@ class AtThreshold:
         ----------
         traced : Traced
         station : Station
-            With its threshold and size filter.
+            With its threshold, size filter, polarity and background.
         drawn : bool
             Whether noise is drawn; else its mean is looked at, where it has a closed form, which
             takes a tenth of the time.
@@ -90,10 +94,15 @@ class AtThreshold:
         on_part, truth, rule = traced.lost != BESIDE, traced.truth, station.segmentation
         light_map, threshold = traced.light_map, float(rule.threshold)
         noisy = has_noisy_form(station)
+        told = expected and noisy and pixel_by_pixel(station)
         # Of noise the levels are told as they are on average, and its spread beside them.
         mean = light_map.moments(station).mean if noisy else None
-        aspect = light_map.aspect(station) if mean is None or drawn else mean
-        level = aspect if mean is None else mean
+        level = None if mean is None else _held(mean, traced, station)
+        if level is None or drawn:
+            aspect = _held(light_map.aspect(station), traced, station)
+        else:
+            aspect = level
+        level = aspect if level is None else level
         guard = traced.guard
         least = least_pixels(rule.min_area_mm2, station.camera.sampling_mm)
         detected = (aspect > threshold) & on_part
@@ -118,5 +127,10 @@ class AtThreshold:
             tuple(truth.defects[n].kind for n in seen),
             tuple((hit[seen] > 0).tolist()),
             float(flawless.max(initial=0.0)),
-            light_map.expected(threshold, station) if noisy and expected else None,
+            light_map.expected(threshold, station) if told else None,
         )  # fmt: skip
+
+
+def _held(image: NDArray[Any], traced: Traced, station: Station) -> NDArray[Any]:
+    """Return the image whose levels a design's threshold is held against."""
+    return levelled(image, traced.lost != BESIDE, station, traced.lost == 0)

@@ -161,6 +161,9 @@ class ScoredLightMap(LightMap):
     def expected(self, threshold: float, station: Station | None = None) -> Expected:
         """Return what noise makes of the score: expectation and spread over all its draws.
 
+        A pixel is detected by its own level: a background, another polarity and a size filter are
+        no part of it.
+
         Parameters
         ----------
         threshold : float

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gpuspec.arrays import BESIDE, Image
 from gpuspec.detection.classes import Confusion
-from gpuspec.detection.expected import Expected
+from gpuspec.detection.expected import Expected, pixel_by_pixel
 from gpuspec.detection.inspection import Found, Inspection
 from gpuspec.detection.score import Score
 from gpuspec.frames.silhouette import Silhouette, silhouette_of
@@ -126,10 +126,11 @@ class Result(Found):
     def expected(self) -> Expected | None:
         """What noise makes of the score over all its draws, at this threshold.
 
-        None without noise, and where it has no closed form or a size filter or pattern is used.
+        None without noise, and where it has no closed form or a pattern, a background, another
+        polarity or a size filter is used.
         """
-        filters = self.station.segmentation.min_area_mm2 > self.station.camera.sampling_mm**2
-        if filters or self.light_map.pattern or not has_noisy_form(self.station):
+        told = pixel_by_pixel(self.station) and has_noisy_form(self.station)
+        if self.light_map.pattern or not told:
             return None
         return self.light_map.expected(self.threshold)
 

@@ -343,6 +343,21 @@ def test_the_histogram_counts_every_pixel_on_the_part(reduced: Result) -> None:
     assert outside + inside == reduced.valid.sum()
 
 
+def test_the_histogram_holds_the_threshold_against_the_levels_that_are_detected() -> None:
+    bright = simulate(Station.parse(STATIONS["normal"], "s.toml"), "numpy")
+    level, deep = bright.flawless_dn, float(bright.aspect.max())
+    dark = bright.station.replace(segmentation={"polarity": "dark", "threshold": level + 3.0})
+    # A part that is the other way round: its dent is as dark as it was bright.
+    turned = dataclasses.replace(
+        simulate(dark, "numpy"), aspect=2 * np.float32(level) - bright.aspect
+    )
+    heading = " ".join(text.get_text() for text in histogram_picture(turned).texts)
+    assert "as the threshold is held against it" in heading
+    inside = histogram_picture(turned).axes[0].patches[2].get_data()
+    highest = inside.edges[:-1][inside.values > 0].max()
+    assert highest == pytest.approx(deep, abs=np.diff(inside.edges)[0])
+
+
 @pytest.mark.parametrize("threshold", [0.0, 262.0, 394.0])
 def test_the_threshold_lies_in_the_histogram_wherever_it_is(reduced: Result, threshold) -> None:
     found = dataclasses.replace(reduced.inspection, threshold=threshold)

@@ -426,3 +426,14 @@ def test_notes_on_every_design_are_those_in_common():
     assert len(lists[0]) == 2
     assert common(lists) == lists[2]
     assert common([]) == []
+
+
+def test_what_keeps_a_threshold_high_is_said_of_the_image_without_its_background():
+    faint = one_dent(
+        defects=[DENT | {"depth_um": 0.1}], sequence__images=14, segmentation__background_mm=3.0
+    )
+    result = simulate(faint)
+    assert result.inspection.rule == "background"
+    # One image of 14, 20 DN, is no margin of it; the spread of its levels, here 1.7 DN, is.
+    assert "nothing is detected" in " ".join(result.warnings)
+    assert "It leaves room for an uneven flawless level" in " ".join(result.warnings)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -63,7 +64,7 @@ def of_detection(
         return [
             f"{percent(scored.false_px / flawless)} of the flawless surface is detected at the "
             f"threshold of {threshold:.4g} DN, so that defects are hit by chance: its median level "
-            f"is {np.median(aspect[lit]):.4g} DN.{'' if basic else way}"
+            f"is {inspected.flawless_dn:.4g} DN.{'' if basic else way}"
         ]
     if basic:
         return []
@@ -73,14 +74,14 @@ def of_detection(
             f"the image is dark: its brightest pixel has {brightest:.2g} DN of {full}. "
             f"{_why_dark(light_map, lit)}"
         ]
-    if automatic and threshold >= full:
-        return [_why_beyond(station, aspect, lit, inspected)]
-    if found or not scored.defects:
-        return []
     from gpuspec.detection.inspection import levelled
 
-    nothing = "nothing is detected, so that P1 is 1 by definition and says nothing"
     held = levelled(aspect, valid, station, lit)
+    if automatic and threshold >= full:
+        return [_why_beyond(station, held, lit, inspected)]
+    if found or not scored.defects:
+        return []
+    nothing = "nothing is detected, so that P1 is 1 by definition and says nothing"
     above = int(np.count_nonzero((held > threshold) & valid))
     if above:
         return [
@@ -93,7 +94,7 @@ def of_detection(
     elif not automatic:
         way = f'Set segmentation.threshold between {level:.4g} and {brightest:.4g}, or to "auto".'
     else:
-        way = _why_high(station, aspect, lit, inspected.ceiling)
+        way = _why_high(station, held, lit, inspected)
     return [
         f"{nothing}: the threshold is {threshold:.4g} DN, the flawless level {level:.4g} DN and "
         f"the brightest pixel {brightest:.4g} DN. {way}"
@@ -114,15 +115,17 @@ def _why_dark(light_map: LightMap, lit: Mask) -> str:
     return f"Raise sensor.exposure, or {way}."
 
 
-def _why_high(station: Station, aspect: Image, lit: Mask, ceiling: Ceiling | None) -> str:
+def _why_high(station: Station, held: Image, lit: Mask, inspected: Inspection) -> str:
     """Say what keeps an automatic threshold above every defect, and what to change."""
     images, full = station.sequence.images, station.sensor.full_scale_dn
-    if ceiling is not None:
-        return _why_above(ceiling, float(np.median(aspect[lit])), images, full)
-    margins = threshold_margins(aspect, lit, full_scale_dn=full, images=images)
+    if inspected.ceiling is not None:
+        return _why_above(inspected.ceiling, inspected.flawless_dn, images, full)
+    margins = threshold_margins(held, lit, full_scale_dn=full, images=images)
+    if inspected.rule == "background":  # which leaves no room for one image
+        margins = replace(margins, one_image_dn=0.0)
     always = max(margins.uneven_dn, margins.floor_dn)  # however many images there are
     if margins.one_image_dn >= always:
-        if float(aspect[lit].max()) > margins.flawless_dn + always:
+        if float(held[lit].max()) > margins.flawless_dn + always:
             return (
                 f"It leaves room for one image of {images}, {full / images:.3g} DN: take more "
                 f"sequence.images."
@@ -151,12 +154,12 @@ def _why_above(ceiling: Ceiling, flawless_dn: float, images: int, full: int) -> 
     )
 
 
-def _why_beyond(station: Station, aspect: Image, lit: Mask, inspected: Inspection) -> str:
+def _why_beyond(station: Station, held: Image, lit: Mask, inspected: Inspection) -> str:
     """Say why the automatic threshold is beyond full scale: which of its terms put it there."""
     full, images, threshold = (
         station.sensor.full_scale_dn, station.sequence.images, inspected.threshold
     )  # fmt: skip
-    margins = threshold_margins(aspect, lit, full_scale_dn=full, images=images)
+    margins = threshold_margins(held, lit, full_scale_dn=full, images=images)
     room = full - margins.flawless_dn
     head = f"the automatic threshold, {threshold:.0f} DN, is beyond full scale and detects nothing"
     if margins.floor_dn >= room:
