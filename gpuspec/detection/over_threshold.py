@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -162,11 +163,16 @@ def over_threshold(
     levels = np.unique(np.asarray(thresholds, np.float64))
     if not levels.size:
         raise ValueError("There is no threshold to score at.")
-    place = np.flatnonzero((image > levels[0]) & valid)
-    seen = _Seen(
-        place, image.flat[place].astype(np.float64), truth.flat[place].astype(np.intp),
-        ~guard.flat[place], image.shape[1], min_area_px,
-    )  # fmt: skip
+
+    def seen_at(detected: Mask) -> _Seen:
+        place = np.flatnonzero(detected)
+        return _Seen(
+            place, image.flat[place].astype(np.float64), truth.flat[place].astype(np.intp),
+            ~guard.flat[place], image.shape[1], min_area_px,
+        )  # fmt: skip
+
+    whole = cache(lambda: seen_at(valid))
+    seen = seen_at((image > levels[0]) & valid)
     sizes = np.bincount(truth[valid].astype(np.intp))[1:]
     defects = int(np.count_nonzero(sizes))
     above = [seen := seen.above(level) for level in levels]
@@ -175,10 +181,10 @@ def over_threshold(
     p1, p2 = precision(zone_px, out_px), recall(zone_px, np.asarray(sizes.sum()))
     f1 = np.divide(2 * p1 * p2, p1 + p2, out=np.zeros_like(p1), where=p1 + p2 > 0)
     f1[np.isnan(p2)] = np.nan
-    clean = _edge(lambda some: some.false()[0] == 0, levels, above)
-    found = _edge(lambda some: some.counts()[2] < defects, levels, above)
-    if not defects or hits[0] < defects:
-        found = np.nan
+    clean = _edge(lambda some: some.false()[0] == 0, levels, above, whole)
+    found = np.nan
+    if defects and (hits[0] == defects or whole().counts()[2] == defects):
+        found = _edge(lambda some: some.counts()[2] < defects, levels, above, whole)
     return OverThreshold(levels, p1, p2, f1, hits, blobs, false_px, defects, clean, found)
 
 
@@ -217,7 +223,12 @@ class _Seen:
         return int(labels.max(initial=0)), int(np.count_nonzero(labels))
 
 
-def _edge(holds: Callable[[_Seen], bool], levels: Array, above: Sequence[_Seen]) -> float:
+def _edge(
+    holds: Callable[[_Seen], bool],
+    levels: Array,
+    above: Sequence[_Seen],
+    whole: Callable[[], _Seen],
+) -> float:
     """Return the level from which on something holds: the lowest such level that a pixel has.
 
     Parameters
@@ -228,16 +239,19 @@ def _edge(holds: Callable[[_Seen], bool], levels: Array, above: Sequence[_Seen])
         Ascending.
     above : sequence of _Seen
         What is above each.
+    whole : callable
+        Returns every pixel: where it holds at the lowest of the levels, the edge is below that.
     """
-    if holds(above[0]):
-        return float(levels[0])
-    low, high = 0, len(levels)
+    low, high = -1, len(levels)
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (low, middle) if holds(above[middle]) else (middle, high)
-    rest = np.unique(above[low].level)  # of these one is the edge: above the last there is nothing
+    some = whole() if low < 0 else above[low]
+    rest = np.unique(some.level)  # of these one is the edge: above the last there is nothing
+    if not rest.size:
+        return float(levels[0])
     first, last = -1, len(rest) - 1
     while last - first > 1:
         middle = (first + last) // 2
-        first, last = (first, middle) if holds(above[low].above(rest[middle])) else (middle, last)
+        first, last = (first, middle) if holds(some.above(rest[middle])) else (middle, last)
     return float(rest[last])

@@ -193,8 +193,8 @@ def study(
     tried = np.unique([*tried, *([] if stated_dn is None else [stated_dn])])
     (progress or (lambda _: None))(f"scoring at {len(tried):,} thresholds")
     found = over_threshold(image, zones, on_part, traced.guard, tried, min_area_px=least)
-    # And once more with the best among them.
-    tried = np.append(tried, found.best_dn)
+    # And once more with the best among them, and with where nothing false is left.
+    tried = np.append(tried, [found.clean_dn, found.best_dn])
     found = over_threshold(image, zones, on_part, traced.guard, tried, min_area_px=least)
     return Threshold(
         station, traced.info, found, automatic, stated_dn,

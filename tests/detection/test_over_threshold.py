@@ -70,6 +70,27 @@ def test_within_the_range_all_is_found_and_nothing_else_and_beyond_it_not(scene,
     assert at(high)[0] == 3
 
 
+@pytest.mark.parametrize("least", [0, 3])
+def test_the_range_is_that_of_the_image_and_not_of_the_thresholds_tried(scene, least) -> None:
+    image, truth = scene
+    low, high = along(scene, least).range_dn
+    for tried in ([(low + high) / 2], [high + 1, high + 9], [high + 100], [low - 10]):
+        found = over_threshold(
+            image, truth, VALID, guard_of(truth), np.array(tried), min_area_px=least
+        )
+        assert found.range_dn == (low, high)
+
+
+def test_what_is_found_at_no_threshold_has_no_level(scene) -> None:
+    image, truth = scene
+    none = VALID & False
+    least = image.size + 1  # a blob that no part is large enough for
+    found = over_threshold(image, truth, VALID, guard_of(truth), np.array([60]), min_area_px=least)
+    assert np.isnan(found.found_dn)
+    assert found.clean_dn == image[VALID].min()
+    assert over_threshold(image, truth, none, truth > 0, np.array([60])).clean_dn == 60
+
+
 def test_a_smaller_filter_widens_the_range(scene) -> None:
     assert along(scene, 3).clean_dn < along(scene, 0).clean_dn
 

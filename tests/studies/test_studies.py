@@ -33,7 +33,8 @@ from gpuspec.errors import OutputError, StationError
 from gpuspec.files import MANIFEST
 from gpuspec.part.relief import Relief
 from gpuspec.part.truth import Truth
-from gpuspec.simulation.simulate import simulate
+from gpuspec.simulation.at_threshold import AtThreshold
+from gpuspec.simulation.simulate import simulate, trace
 from gpuspec.station.corners import INSIDE
 from gpuspec.station.examples import example
 from gpuspec.station.materials import MATERIALS
@@ -591,6 +592,22 @@ def test_the_automatic_threshold_lies_where_all_is_found_and_nothing_else(over):
     low, high = over.found.range_dn
     assert low <= over.automatic.threshold < high
     assert over.automatic.rule == "ceiling"
+
+
+def test_where_nothing_false_is_left_is_told_though_every_threshold_tried_is_above(small):
+    # So few flawless levels that the lowest threshold worth a look is above them.
+    station = small.replace(
+        part={"length_mm": 20.0, "width_mm": 12.0}, sequence__images=24, tunnel__luminous_mm=0.8,
+        tunnel__dark_mm=4.0, tunnel__height_mm=300.0,
+        populations=[{"kind": "dent", "count": 5, "seed": 3, "depth_um": [1.0, 4.0],
+                      "diameter_mm": [0.4, 1.0]}],
+    )  # fmt: skip
+    found = threshold.study(station, 40, "numpy")
+    low, high = found.found.range_dn
+    held = station.replace(segmentation__threshold=found.automatic.threshold)
+    seen = AtThreshold.of(trace(held, "numpy"), held)
+    assert (low, high) == (seen.flawless_dn, min(seen.peaks_dn))
+    assert f"nothing else from {low:.2f} to {high:.2f} DN" in found.findings()[0]
 
 
 def test_where_no_threshold_will_do_it_is_said_what_comes_nearest(populated):
