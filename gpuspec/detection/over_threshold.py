@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -167,12 +168,12 @@ def over_threshold(
     def seen_at(detected: Mask) -> _Seen:
         place = np.flatnonzero(detected)
         return _Seen(
-            place, image.flat[place].astype(np.float64), truth.flat[place].astype(np.intp),
+            place, image.flat[place], truth.flat[place].astype(np.intp),
             ~guard.flat[place], image.shape[1], min_area_px,
         )  # fmt: skip
 
     whole = cache(lambda: seen_at(valid))
-    seen = seen_at((image > levels[0]) & valid)
+    seen = seen_at((image > float(levels[0])) & valid)
     sizes = np.bincount(truth[valid].astype(np.intp))[1:]
     defects = int(np.count_nonzero(sizes))
     above = [seen := seen.above(level) for level in levels]
@@ -193,15 +194,15 @@ class _Seen:
     """The pixels above the lowest threshold: place, level, zone, and whether outside the guard."""
 
     place: Integers
-    level: Array
+    level: NDArray[Any]
     zone: NDArray[np.intp]
     outside: Mask
     columns: int
     least: int
 
     def above(self, threshold: float) -> _Seen:
-        """Return those above a threshold."""
-        kept = np.flatnonzero(self.level > threshold)
+        """Return those above a threshold, by the levels' own precision, as they are segmented."""
+        kept = np.flatnonzero(self.level > float(threshold))
         if len(kept) == len(self.level):
             return self
         return replace(

@@ -293,7 +293,7 @@ def segment(
     _check_grey_levels(aspect, valid)
     if np.isnan(threshold):
         raise ValueError("The threshold is not a number.")
-    return connected((aspect > threshold) & valid, min_area_px)
+    return connected((aspect > float(threshold)) & valid, min_area_px)
 
 
 def _check_grey_levels(aspect: GreyLevels, valid: Mask) -> None:

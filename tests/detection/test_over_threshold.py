@@ -55,6 +55,18 @@ def test_every_threshold_finds_what_segmentation_finds_at_it(scene, least: int) 
         assert found.false_px[i] == np.count_nonzero(labels)
 
 
+def test_a_threshold_that_rounds_to_a_pixel_s_level_does_not_detect_it(scene) -> None:
+    image, truth = scene
+    level = float(np.sort(image[truth > 0])[-20])  # a float32
+    just = np.nextafter(np.float32(level), np.float32(0)).item()
+    nearer = level - (level - just) / 4
+    found = over_threshold(image, truth, VALID, guard_of(truth), np.array([just, nearer, level]))
+    for i, threshold in enumerate((just, nearer, level)):
+        one = score(segment(image, VALID, threshold), truth, VALID, 4)
+        assert (found.p1[i], found.p2[i]) == (one.p1, one.p2)
+    assert found.p2[0] > found.p2[1] == found.p2[2]
+
+
 @pytest.mark.parametrize("least", [0, 3])
 def test_within_the_range_all_is_found_and_nothing_else_and_beyond_it_not(scene, least) -> None:
     image, truth = scene
