@@ -103,7 +103,7 @@ class Height(Outcome):
 
     @property
     def negligible_from_mm(self) -> float | None:
-        """Height of the camera from which height is negligible at all greater ones; None: none."""
+        """Height of the camera from which it is negligible at all that are tried; None: at none."""
         above = np.flatnonzero(self.worst_ratio > NEGLIGIBLE)
         first = above[-1] + 1 if len(above) else 0
         return float(self.camera_mm[first]) if first < len(self.camera_mm) else None
@@ -148,18 +148,25 @@ class Height(Outcome):
                 f"{percent(self.shape_ratio[own])} of it."
             )
         verdict = "holds" if self.negligible else "does not hold"
-        far = self.negligible_from_mm
-        holds = (
-            "it holds at none of the camera heights tried"
-            if far is None
-            else f"it holds with the camera at {far:.3g} mm or higher"
-        )
         said.append(
             f"The paper's claim that height is negligible {verdict} for this station, "
-            f"{percent(NEGLIGIBLE)} of the movement by slope taken as the limit; {holds}."
+            f"{percent(NEGLIGIBLE)} of the movement by slope taken as the limit; {self._holds()}."
             + ("" if self.negligible else ' part.surface = "height" takes it into account.')
         )
         return tuple(said)
+
+    def _holds(self) -> str:
+        """Say at which of the heights tried it holds: no more is known of those between."""
+        first = self.negligible_from_mm
+        if first is None:
+            return "it holds at none of the camera heights tried"
+        lower = self.camera_mm[self.camera_mm < first]
+        if not lower.size:
+            return f"it holds at every camera height tried, from {first:.3g} mm on"
+        return (
+            f"of the camera heights tried it holds from {first:.3g} mm on, and not at "
+            f"{lower[-1]:.3g} mm"
+        )
 
     def table(self) -> tuple[tuple[str, ...], list[tuple[Any, ...]]]:
         """See :meth:`Outcome.table`."""

@@ -183,8 +183,11 @@ def test_the_claim_of_the_paper_is_judged_and_not_assumed():
         shape_by_height_mm=none,
     )  # fmt: skip
     assert uneven.negligible_from_mm == 500
+    said = "of the camera heights tried it holds from 500 mm on, and not at 400 mm."
+    assert said in uneven.findings()[-1]
     never = replace(uneven, by_height_mm=0.5 * ones)
     assert never.negligible_from_mm is None
+    assert "it holds at none of the camera heights tried" in never.findings()[-1]
     # Where the dent moves the light by slope alone, a crown may still move it by height.
     plain = replace(uneven, by_height_mm=1e-6 * ones)
     crowned = replace(plain, shape_by_slope_mm=ones, shape_by_height_mm=0.5 * ones)
@@ -192,6 +195,21 @@ def test_the_claim_of_the_paper_is_judged_and_not_assumed():
     assert not crowned.negligible
     assert "does not hold for this station" in outcome.findings()[-1]
     assert 'part.surface = "height"' in outcome.findings()[-1]
+
+
+@pytest.mark.parametrize("camera_mm", [305.0, 800.0])
+def test_where_the_claim_holds_at_every_height_tried_no_least_one_is_told(camera_mm):
+    # By a thousandth: the lowest height that is tried says nothing of a limit.
+    found = height.study(
+        example("trim").replace(
+            camera__height_mm=camera_mm, part__length_mm=20.0, defects=(), populations=()
+        ),
+        Dent(1.0, 1.0), distances=5,
+    )  # fmt: skip
+    assert found.worst_ratio.max() < height.NEGLIGIBLE / 10
+    lowest = min(camera_mm, 315.0)
+    said = f"it holds at every camera height tried, from {lowest:.0f} mm on."
+    assert found.findings()[-1].endswith(said)
 
 
 def test_a_crown_is_compared_with_a_flat_part():
