@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.arrays import LabelImage, Mask, check_label_image, check_mask
+from gpuspec.detection.counts import Count, share_of
 from gpuspec.detection.false_blobs import least_pixels
 from gpuspec.station.station import Station
 
@@ -22,7 +24,8 @@ class Expected:
     Attributes
     ----------
     p1, p1_deviation : float
-        Precision; of expected counts, with the spread that its counts give it to first order.
+        Precision, which is 1 where nothing is detected; beyond some hundred detected pixels to the
+        leading orders of their counts.
     p2, p2_deviation : float or None
         Recall; None without a pixel in any zone.
     defects_hit, defects_hit_deviation : float
@@ -127,23 +130,16 @@ def expected_score(
         p = ndtr((mean.flat[places] - float(threshold)) / deviation.flat[places])
         zone = truth.flat[places].astype(np.intp)
         missed = np.exp(np.bincount(zone, np.log1p(-p), defects + 1)[1:])
-    hit, hit_variance = _sum(p[zone > 0])
-    false, false_variance = _sum(p[zone == 0])
-    found = hit + false
-    spread = np.sqrt(false**2 * hit_variance + hit**2 * false_variance)
+    hit, false = Count.of(p[zone > 0]), Count.of(p[zone == 0])
+    p1, p1_deviation = share_of(hit, false)
     pixels = int(np.count_nonzero((truth != 0) & valid))
     return Expected(
-        p1=hit / found if found > 0 else 1.0,
-        p1_deviation=float(spread / found**2) if found > 0 else 0.0,
-        p2=hit / pixels if pixels else None,
-        p2_deviation=float(np.sqrt(hit_variance)) / pixels if pixels else None,
+        p1=p1,
+        p1_deviation=p1_deviation,
+        p2=hit.mean / pixels if pixels else None,
+        p2_deviation=math.sqrt(hit.variance) / pixels if pixels else None,
         defects_hit=float(np.sum(1 - missed)),
         defects_hit_deviation=float(np.sqrt(np.sum(missed * (1 - missed)))),
-        false_px=false,
-        false_px_deviation=float(np.sqrt(false_variance)),
+        false_px=false.mean,
+        false_px_deviation=math.sqrt(false.variance),
     )
-
-
-def _sum(p: NDArray[np.float64]) -> tuple[float, float]:
-    """Return mean and variance of a count of independent events."""
-    return float(p.sum()), float((p * (1 - p)).sum())

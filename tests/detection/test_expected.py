@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 from tolerances import NOISY_SHARE
 
 import gpuspec
@@ -12,6 +13,7 @@ from gpuspec.detection.score import score
 from gpuspec.detection.segmentation import segment
 
 DRAWS = 20
+RARE = 1e-6  # what the sums of p and p² leave out of 1,200 events of 0.004
 
 
 def test_without_spread_it_is_the_score():
@@ -49,6 +51,21 @@ def test_it_is_mean_and_spread_of_the_scores_of_many_draws():
     assert np.abs(np.mean(scores, axis=0) - ours).max() < 0.2 * sampled.max()
     assert (np.abs(np.mean(scores, axis=0) - ours) < 0.15 * sampled).all()
     assert sampled == pytest.approx(spread, rel=0.06)
+
+
+@pytest.mark.parametrize("threshold", [64.0, 65.0, 66.0, 70.0])
+def test_precision_is_one_where_next_to_nothing_is_detected(threshold):
+    mean, valid = np.full((30, 40), 60.0), np.full((30, 40), True)
+    truth = np.zeros(mean.shape, np.int32)
+    truth[3:6, 4:9] = 1
+    found = expected_score(mean, np.full(mean.shape, 1.5), truth, valid, 1, threshold)
+    nothing = (1 - norm.sf(threshold, 60.0, 1.5)) ** mean.size
+    share = 15 / mean.size  # of what is detected, pixels being alike
+    assert found.p1 == pytest.approx(nothing + (1 - nothing) * share, abs=RARE)
+    assert found.p1_deviation <= 0.5
+    if threshold == 70.0:
+        assert found.p1 > 1 - 1e-7
+        assert found.p1_deviation < 1e-3
 
 
 @pytest.mark.slow
