@@ -84,12 +84,15 @@ def expected_score(
     valid: Mask,
     defects: int,
     threshold: float,
+    images: int | None = None,
 ) -> Expected:
     """Return what is expected of a score at a threshold, and how far draws are from it.
 
     A pixel's grey level is normal, the mean of many images that it is; pixels are independent. It
     is detected with the probability ``Phi((mean - threshold) / deviation)``, and counts are sums of
-    such. Blobs are not formed: a size filter is not part of it.
+    such. Levels of `images` whole grey levels stand on steps of ``1 / images``: those above the
+    threshold begin half a step below the first of them. Blobs are not formed: a size filter is not
+    part of it.
 
     Parameters
     ----------
@@ -103,6 +106,8 @@ def expected_score(
         True defects on the part.
     threshold : float
         DN.
+    images : int, optional
+        Of whose grey levels, whole ones, the image is the mean; None: levels are continuous.
 
     Returns
     -------
@@ -124,6 +129,8 @@ def expected_score(
 
     check_label_image("truth", truth, mean.shape)
     check_mask("valid", valid, mean.shape)
+    if images is not None:
+        threshold = _between_levels(threshold, images)
     # All others are detected in no draw.
     places = np.flatnonzero((mean + _NEVER * deviation > threshold) & valid)
     with np.errstate(divide="ignore"):
@@ -143,3 +150,13 @@ def expected_score(
         false_px=false.mean,
         false_px_deviation=math.sqrt(false.variance),
     )
+
+
+def _between_levels(threshold: float, images: int) -> float:
+    """Return the middle between the highest level not above a threshold and the next."""
+    step = math.floor(threshold * images)
+    if np.float32((step + 1) / images) <= np.float32(
+        threshold
+    ):  # one level in an image's precision
+        step += 1
+    return (step + 0.5) / images

@@ -186,10 +186,10 @@ class ScoredLightMap(LightMap):
         """
         found = self.moments(station)
         zones, on_part = self._truth, self._lost != BESIDE
-        defects = len(zones.defects)
         return expected_score(
-            found.mean, found.deviation, zones.labels, on_part, defects, threshold
-        )
+            found.mean, found.deviation, zones.labels, on_part, len(zones.defects), threshold,
+            (station or self.station).sequence.images,
+        )  # fmt: skip
 
     def with_pattern(self, pattern: Pattern) -> ScoredLightMap:
         """See :meth:`LightMap.with_pattern`."""

@@ -11,8 +11,11 @@ import gpuspec
 from gpuspec.detection.expected import expected_score
 from gpuspec.detection.score import score
 from gpuspec.detection.segmentation import segment
+from gpuspec.simulation.simulate import trace
 
 DRAWS = 20
+FEW_DRAWS = 100
+TAIL = 0.15  # a hundred draws of a P1 that is 0 or 1, and a tail that is no bell's
 RARE = 1e-6  # what the sums of p and p² leave out of 1,200 events of 0.004
 
 
@@ -66,6 +69,42 @@ def test_precision_is_one_where_next_to_nothing_is_detected(threshold):
     if threshold == 70.0:
         assert found.p1 > 1 - 1e-7
         assert found.p1_deviation < 1e-3
+
+
+@pytest.mark.parametrize("images", [8, 40])
+@pytest.mark.parametrize("steps", [0.0, 1e-9, -1e-9, 0.4, 0.9])  # above a level
+def test_means_of_whole_grey_levels_stand_on_steps(images, steps):
+    """Of a threshold between two steps, or at one, as automatic ones are, it is all the same."""
+    rng = np.random.default_rng(images)
+    shape, signal = (200, 200), 60.3
+    frames = np.rint(rng.normal(signal, 1.2, (images, *shape)))
+    aspect = frames.mean(0, dtype=np.float32)
+    mean = np.full(shape, signal)
+    deviation = np.full(shape, np.sqrt((1.2**2 + 1 / 12) / images))
+    truth, valid = np.zeros(shape, np.int32), np.full(shape, True)
+    threshold = 60.5 + steps / images
+    drawn = int(segment(aspect, valid, threshold).astype(bool).sum())
+    found = expected_score(mean, deviation, truth, valid, 0, threshold, images)
+    assert abs(drawn - found.false_px) < 4 * found.false_px_deviation
+    continuous = expected_score(mean, deviation, truth, valid, 0, 60.5)
+    assert abs(drawn - continuous.false_px) > 4 * found.false_px_deviation
+
+
+@pytest.mark.parametrize("threshold", [75.625, 76.0, 76.25, 76.5])  # 30 to 0.06 pixels
+def test_precision_is_that_of_sequences_of_which_few_pixels_are_detected(opencl, threshold):
+    station = gpuspec.example("trim").replace(
+        part__length_mm=12.0, part__width_mm=6.0, camera__sampling_mm=0.2, populations=(),
+        defects=[{"kind": "dent", "x_mm": 0.0, "y_mm": 0.0, "diameter_mm": 1.0, "depth_um": 0.03}],
+        sensor__noise=True, sensor__saturation_e=300.0, sensor__read_noise_e=2.0,
+        sensor__exposure=1.5, sequence__images=80, segmentation__threshold=threshold,
+    )  # fmt: skip
+    traced = trace(station, opencl)
+    drawn = [
+        traced.light_map.score(station.replace(sensor__seed=seed)).p1 for seed in range(FEW_DRAWS)
+    ]
+    found = traced.light_map.expected(threshold)
+    assert found.p1 == pytest.approx(np.mean(drawn), abs=TAIL)
+    assert found.p1_deviation == pytest.approx(np.std(drawn), abs=TAIL)
 
 
 @pytest.mark.slow
