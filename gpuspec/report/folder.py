@@ -269,7 +269,8 @@ def summary(result: Reported) -> dict[str, Any]:
 
     Under `refined` stands how many pixels have sub-rays because one footprint does not tell them,
     see :func:`gpuspec.light.refinement.counted`; under `expected` what noise makes of the score
-    over all its draws, null without noise, see :class:`gpuspec.detection.expected.Expected`.
+    over all its draws, null without noise or where no closed form tells it, see
+    :attr:`gpuspec.simulation.result.Result.expected`.
     """
     return {
         **provenance(result),
