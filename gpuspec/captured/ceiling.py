@@ -35,6 +35,7 @@ def ceiling_for(
     station: Station,
     *,
     lit_as_said: bool,
+    rate: float | None,
 ) -> tuple[Ceiling | None, str, tuple[str, ...]]:
     """Return the ceiling of an inspection of frames, why there is none, and what to know of it.
 
@@ -50,6 +51,9 @@ def ceiling_for(
         With the frames' size and number.
     lit_as_said : bool
         Whether its file says the light of the frames, see :func:`says_light`.
+    rate : float or None
+        Periods by which it says that the light moves from frame to frame, see
+        :func:`gpuspec.captured.sequence.stated_rate`.
 
     Returns
     -------
@@ -62,7 +66,7 @@ def ceiling_for(
     rule = station.segmentation
     if rule.threshold != "auto" or rule.background_mm or rule.polarity != "bright":
         return None, "", ()
-    why = _not_whole(samples, station)
+    why = _not_whole(samples, station, rate)
     found = None
     if not why:
         found, why = told_ceiling(samples, sampled(aspect), sampled(inside))
@@ -101,12 +105,13 @@ def says_light(station: Station) -> bool:
     return stripes and "exposure" in station.sensor.model_fields_set
 
 
-def _not_whole(samples: Sequence[NDArray[Any]], station: Station) -> str:
+def _not_whole(samples: Sequence[NDArray[Any]], station: Station, rate: float | None) -> str:
     """Return why frames are no whole periods of which the mean is taken; "" if they are."""
     why = "" if station.sequence.fusion == "mean" else untold(station)
     if not why:
         try:
-            periods = whole_periods(samples, [str(number) for number in range(len(samples))])
+            numbers = [str(number) for number in range(len(samples))]
+            periods = whole_periods(samples, numbers, rate=rate)
         except FrameError:
             return "a frame does not belong to the others"
         if periods.whole is None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gpuspec.arrays import Image, Mask
 from gpuspec.captured.light_fit import Kind, LightFit, Samples, fit_light
-from gpuspec.captured.sequence import Given, Sequenced, added, fitting
+from gpuspec.captured.sequence import Given, Sequenced, added, fitting, stated_rate
 from gpuspec.captured.smallest import Smallest, smallest
 from gpuspec.captured.twin import Dark, Scale, known, twin_of, unknown
 from gpuspec.errors import FrameError
@@ -211,7 +211,8 @@ def fit(
     sequence = Sequenced.of(frames, colour=colour, gaps=gaps)
     one_mean = _fused_to_mean(given)
     sums, seen = added(sequence, one_mean, tell, ends=True)
-    chosen = whole_periods(seen.samples, [frame.name for frame in seen.frames])
+    names = [frame.name for frame in seen.frames]
+    chosen = whole_periods(seen.samples, names, rate=stated_rate(given))
     if not chosen.whole:
         raise FrameError(
             f"{len(seen.frames)} frames from {seen.frames[0].name} on are no whole period of the "

@@ -14,7 +14,15 @@ from gpuspec.arrays import Image, Mask
 from gpuspec.captured.captured import Captured, Zone
 from gpuspec.captured.ceiling import ceiling_for, says_light
 from gpuspec.captured.notes import uneven, unlit
-from gpuspec.captured.sequence import Given, Seen, Sequenced, added, fitting, shading_of
+from gpuspec.captured.sequence import (
+    Given,
+    Seen,
+    Sequenced,
+    added,
+    fitting,
+    shading_of,
+    stated_rate,
+)
 from gpuspec.detection.classes import Confusion, confusion
 from gpuspec.detection.decision import decision_rules
 from gpuspec.detection.inspection import Inspection
@@ -104,7 +112,7 @@ def inspect(
     """
     tell = progress or (lambda _: None)
     given = Station() if station is None else Station.of(station)
-    lit_as_said = says_light(given)
+    lit_as_said, rate = says_light(given), stated_rate(given)
     decision_rules(given)
     tell("looking at the frames")
     sequence = Sequenced.of(frames, colour=colour, gaps=gaps)
@@ -119,7 +127,7 @@ def inspect(
     sums, rows = added(sequence, given, tell, ends=ends)
     notes: tuple[str, ...] = ()
     if not every_frame:
-        chosen = whole_periods(rows.samples, [frame.name for frame in rows.frames])
+        chosen = _chosen(rows, rate)
         notes = _left_out(chosen, rows)
         if chosen.why:
             sums, rows = _again(sequence, chosen, given, rows, tell, ends)
@@ -138,7 +146,7 @@ def inspect(
     aspect = shading.corrected(aspect, given.sequence.fusion, inside)
     tell("segmenting")
     ceiling, untold, said = ceiling_for(
-        rows.samples, aspect, inside, given, lit_as_said=lit_as_said
+        rows.samples, aspect, inside, given, lit_as_said=lit_as_said, rate=rate
     )
     found = inspect_image(aspect, inside, given, ceiling=ceiling, untold=untold)
     edge = None
@@ -203,6 +211,16 @@ def _found(region: str | Path | Mask | None) -> float | None:
     if not 0 <= pixels < np.inf:
         raise FrameError(f"the region {region!r} has no margin in pixels; write e.g. found:25.")
     return pixels
+
+
+def _chosen(seen: Seen, rate: float | None) -> Periods:
+    """Return which frames are used, or say how all are if one does not belong to them."""
+    try:
+        return whole_periods(seen.samples, [frame.name for frame in seen.frames], rate=rate)
+    except FrameError as error:
+        raise FrameError(
+            f"{error} If all of them are meant, take them with --every-frame."
+        ) from None
 
 
 def _left_out(chosen: Periods, seen: Seen) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gpuspec.arrays import Image, Mask
 from gpuspec.captured.cameras import Grabbed
 from gpuspec.captured.ceiling import ceiling_for, says_light
-from gpuspec.captured.sequence import Given, shading_of
+from gpuspec.captured.sequence import Given, shading_of, stated_rate
 from gpuspec.detection.decision import Decision, decide, decision_rules
 from gpuspec.detection.inspection import Inspection, inspect
 from gpuspec.errors import FrameError
@@ -280,8 +280,9 @@ class Line:
         inside = self._ready(aspect.shape)
         aspect = self._shading.corrected(aspect, self.station.sequence.fusion, inside)
         ceiling, untold, _ = ceiling_for(
-            self._samples, aspect, inside, self._fitted, lit_as_said=says_light(self.station)
-        )
+            self._samples, aspect, inside, self._fitted,
+            lit_as_said=says_light(self.station), rate=stated_rate(self.station),
+        )  # fmt: skip
         found = inspect(aspect, inside, self._fitted, ceiling=ceiling, untold=untold)
         decision = decide(found.blobs, found.classes, self._rules)
         decided = PartDecision(self.part, decision, found, aspect)

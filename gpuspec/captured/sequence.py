@@ -200,6 +200,33 @@ def added(
     return sums, Seen(frames, shape, bits, lowest, highest, tuple(samples), both)
 
 
+def stated_rate(station: Station) -> float | None:
+    """Return by how many periods a station's file says the light moves from frame to frame.
+
+    Parameters
+    ----------
+    station : Station
+        As it was read.
+
+    Returns
+    -------
+    float or None
+        None if the file leaves it to a default.
+
+    Examples
+    --------
+    >>> from gpuspec.captured.sequence import stated_rate
+    >>> stated_rate(gpuspec.Station(sequence={"images": 16}))
+    0.0625
+    >>> print(stated_rate(gpuspec.Station()))
+    None
+    """
+    if station.sequence.step_mm:
+        stripes = {"luminous_mm", "dark_mm"} <= station.tunnel.model_fields_set
+        return station.step_mm / station.tunnel.period_mm if stripes else None
+    return 1 / station.sequence.images if "images" in station.sequence.model_fields_set else None
+
+
 def _depth(station: Station, bits: int, highest: int) -> int:
     """Return the bit depth: the station's, or the least that holds all levels if it says none."""
     if "bit_depth" in station.sensor.model_fields_set:

@@ -72,6 +72,14 @@ def test_only_whole_periods_of_files_and_arrays_are_used_and_it_is_said(tmp_path
         gpuspec.inspect(iter(more))
 
 
+def test_a_strange_frame_among_others_is_refused_and_every_frame_takes_it():
+    frames = scene()
+    frames[5] = 1
+    with pytest.raises(FrameError, match=r"frame 6 does not belong .* take them with --every-fr"):
+        gpuspec.inspect(frames)
+    assert len(gpuspec.inspect(frames, every_frame=True).used) == 12
+
+
 def test_natural_order_is_that_of_numbers(tmp_path):
     found = gpuspec.inspect(written(tmp_path / "shots", scene()))
     assert [row.name for row in found.frames] == [f"f_{k}.png" for k in range(12)]

@@ -83,6 +83,29 @@ def test_a_line_has_the_same_threshold_as_an_inspection(few) -> None:
         assert line.decide().inspection.threshold == gpuspec.inspect(frames, station).threshold
 
 
+@pytest.mark.parametrize(
+    ("length_mm", "images"), [(10.0, 16), (10.0, 40), (21.0, 40)], ids=["10-16", "10-40", "21-40"]
+)
+def test_frames_of_a_part_shorter_than_the_stripes_are_inspected_as_simulated(
+    opencl, length_mm: float, images: int
+) -> None:
+    station = FEW.replace(
+        part={"length_mm": length_mm, "width_mm": 8.0}, camera__sampling_mm=0.05,
+        sequence__images=images, defects=({**DENTS[1], "x_mm": 2.0, "y_mm": 1.0},),
+    )  # fmt: skip
+    result = gpuspec.simulate(station, opencl)
+    frames = frames_of(result.light_map)
+    assert np.ptp(frames.mean(axis=(1, 2))) > 0.5 * frames.mean()
+    found = gpuspec.inspect(frames, station, truth=result.truth)
+    line = gpuspec.Line(station)
+    for frame in frames:
+        line.add(frame)
+    for one in (found, line.decide()):
+        assert np.array_equal(one.aspect, result.aspect)
+        assert one.inspection.threshold == result.threshold
+        assert np.array_equal(one.inspection.labels, result.labels)
+
+
 @pytest.mark.parametrize("seed", [0, 4, 5, 8, 10, 12, 17, 19, 20, 21])
 def test_nothing_is_detected_in_frames_of_a_flawless_part(opencl, seed: int) -> None:
     frames = frames_of(opencl.trace(flawless(seed, noise=True)))
