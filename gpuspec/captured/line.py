@@ -67,7 +67,9 @@ class Line:
     A part has ``station.sequence.images`` frames. They are added up as they come;
     of each no more is kept than a few thousand pixels, which tell the period of the light.
     A frame that was lost or came late, or is unlike the others, is an error that names it; that
-    part then has no decision, and the line goes on with :meth:`begin`.
+    part then has no decision, and the line goes on with :meth:`begin`. So are frames of another
+    size than the station's file says: ``camera.rows`` and ``camera.columns``, or those that follow
+    from the part's size and the sampling.
 
     Parameters
     ----------
@@ -223,8 +225,8 @@ class Line:
         Raises
         ------
         FrameError
-            If a frame was lost, could not be grabbed, is late, is unlike the others, or is one too
-            many.
+            If a frame was lost, could not be grabbed, is late, is unlike the others, has another
+            size than the station says, or is one too many.
         """
         said = f"frame {len(self) + 1 if number is None else number}"
         if self._failure:
@@ -253,6 +255,8 @@ class Line:
             self._samples.append(sampled(frame).copy())
         except FrameError as error:
             self._fail(str(error).rstrip("."))
+        if len(self) == 1:
+            self._check_size(said, frame.shape)
 
     def decide(self) -> PartDecision:
         """Decide on the part whose frames were added, and begin the next.
@@ -293,6 +297,21 @@ class Line:
         self._failure = f"part {self.part}: {why}."
         raise FrameError(self._failure)
 
+    def _check_size(self, said: str, shape: tuple[int, ...]) -> None:
+        """Refuse frames of another size than the station's, where its file says one.
+
+        An inspection shows the frames it was given; nobody looks at those of a line, and a cut of
+        them has fewer blobs.
+        """
+        rows, columns = _stated_shape(self.station)
+        if rows not in (None, shape[0]) or columns not in (None, shape[1]):
+            due = self.station.shape
+            self._fail(
+                f"{said} has {shape[1]} x {shape[0]} pixels, and by {self.station.file} the image "
+                f"has {due[1]} x {due[0]}; take frames of that size, or set camera.columns = "
+                f"{shape[1]} and camera.rows = {shape[0]} if they show the whole part"
+            )
+
     def _check(self, aspect: Image) -> None:
         full = self.station.sensor.full_scale_dn
         highest = float(aspect.max())
@@ -318,6 +337,20 @@ class Line:
             self._fitted = self.station.replace(camera={"rows": rows, "columns": columns})
             self._inside = inside
         return self._inside
+
+
+def _stated_shape(station: Station) -> tuple[int | None, int | None]:
+    """Return rows and columns of the frames as a station's file says them, None where it does not.
+
+    It says them as ``camera.rows`` and ``camera.columns``, or by the part's size and the sampling.
+    """
+    camera, part = station.camera, station.part
+    sampled_as_said = "sampling_mm" in {*camera.model_fields_set, *camera.following}
+    said = {*part.model_fields_set, *station.sides_of_map}
+    return (
+        station.shape[0] if camera.rows or (sampled_as_said and "width_mm" in said) else None,
+        station.shape[1] if camera.columns or (sampled_as_said and "length_mm" in said) else None,
+    )
 
 
 def _lost(before: int, number: int) -> str:

@@ -79,6 +79,32 @@ def test_a_part_with_a_wrong_frame_is_passed_over_and_the_next_is_whole(spoiled,
     assert next(camera, None) is None
 
 
+SAID = {
+    "by the camera": {"camera": {"rows": 120, "columns": 200}},
+    "by the part": {"part": {"length_mm": 20.0, "width_mm": 12.0}},
+}
+
+
+@pytest.mark.parametrize("said", SAID)
+@pytest.mark.parametrize("shape", [(1, 1), (40, 40), (200, 120), (120, 201)])
+def test_frames_of_another_size_than_the_station_says_are_refused(said, shape):
+    line = gpuspec.Line(STATION.replace(**SAID[said]))
+    words = rf"part 1: frame 1 has {shape[1]} x {shape[0]} pixels, .* the image has 200 x 120; take"
+    with pytest.raises(FrameError, match=words):
+        line.add(np.full(shape, 60, np.uint8))
+    line.begin()
+    for frame in scene():
+        line.add(frame)
+    assert line.decide().aspect.shape == (120, 200)
+
+
+def test_frames_larger_than_the_part_are_taken_where_the_camera_says_so():
+    part = {"length_mm": 10.0, "width_mm": 5.0}
+    line = gpuspec.Line(STATION.replace(part=part, camera={"rows": 120, "columns": 200}))
+    line.add(scene()[0])
+    assert len(line) == 1
+
+
 def test_a_camera_that_stops_leaves_a_part_undecided():
     line = gpuspec.Line(STATION)
     with pytest.raises(FrameError, match="part 1: 3 of 12 frames came, so 9 were lost"):

@@ -76,7 +76,8 @@ def test_frames_are_believed_where_the_station_says_another_light(few) -> None:
 
 def test_a_line_has_the_same_threshold_as_an_inspection(few) -> None:
     _, frames = few
-    for station in (FEW, UNKNOWN.replace(sequence__images=12)):
+    bare = gpuspec.Station(camera={"sampling_mm": 0.1}, sequence={"images": 12})
+    for station in (FEW, bare):
         line = gpuspec.Line(station)
         for frame in frames:
             line.add(frame)
