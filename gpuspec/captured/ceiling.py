@@ -71,6 +71,10 @@ def ceiling_for(
     if not why:
         found, why = told_ceiling(samples, sampled(aspect), sampled(inside))
     full = station.sensor.full_scale_dn
+    stated = ceiling_of(station) if lit_as_said and found is not None else None
+    if found is not None and stated is not None and _agree(found, stated, full):
+        noise = stated.noise_dn if station.sensor.noise else found.noise_dn
+        return Ceiling(stated.level_dn, noise), "", ()
     if found is not None:
         spread = threshold_margins(
             aspect, inside, full_scale_dn=full, images=station.sequence.images
@@ -79,12 +83,8 @@ def ceiling_for(
             found, why = None, "the phase of a pixel tells its level no better"
     if found is None:
         return None, why, (f"the threshold is that of the median and spread of levels, for {why}.",)
-    stated = ceiling_of(station) if lit_as_said else None
     if stated is None:
         return found, "", ()
-    if _agree(found, stated, full):
-        noise = stated.noise_dn if station.sensor.noise else found.noise_dn
-        return Ceiling(stated.level_dn, noise), "", ()
     return found, "", (
         f"flawless pixels of the frames have up to {found.level_dn:.1f} DN with a spread of "
         f"{found.noise_dn:.2g} DN, and by {station.file} up to {stated.level_dn:.1f} DN with "

@@ -107,6 +107,20 @@ def test_frames_of_a_part_shorter_than_the_stripes_are_inspected_as_simulated(
         assert np.array_equal(one.inspection.labels, result.labels)
 
 
+def test_a_ceiling_that_frames_and_station_tell_is_taken_where_phases_tell_no_better(
+    opencl,
+) -> None:
+    station = FEW.replace(
+        part={"length_mm": 17.94, "width_mm": 8.0}, camera={"sampling_mm": 0.05, "pupil_mm": 3.0},
+        tunnel={"luminous_mm": 4.67, "dark_mm": 8.26}, sequence__images=16,
+        defects=({**DENTS[0], "x_mm": 2.0, "y_mm": 1.0, "depth_um": 1.5},),
+    )  # fmt: skip
+    result = gpuspec.simulate(station, opencl)
+    found = gpuspec.inspect(frames_of(result.light_map), station)
+    assert found.inspection.rule == "ceiling"
+    assert found.threshold == result.threshold
+
+
 @pytest.mark.parametrize("seed", [0, 4, 5, 8, 10, 12, 17, 19, 20, 21])
 def test_nothing_is_detected_in_frames_of_a_flawless_part(opencl, seed: int) -> None:
     frames = frames_of(opencl.trace(flawless(seed, noise=True)))
