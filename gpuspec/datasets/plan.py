@@ -13,6 +13,7 @@ import numpy as np
 from gpuspec.datasets.draws import Draw, Value, draws
 from gpuspec.errors import StationError
 from gpuspec.station.sections import DataSet
+from gpuspec.station.seeds import seeds_of
 from gpuspec.station.station import Station
 from gpuspec.station.toml import to_toml
 from gpuspec.sweeps.plan import digests
@@ -222,9 +223,7 @@ class DataSetPlan:
 
     @cached_property
     def _seeds(self) -> tuple[str, ...]:
-        peel = ("part.orange_peel.seed",) if self.station.part.orange_peel else ()
-        count = len(self.station.populations)
-        return ("sensor.seed", *peel, *(f"populations[{n}].seed" for n in range(1, count + 1)))
+        return tuple(seeds_of(self.station))
 
     def _random(self, *numbers: int) -> np.random.Generator:
         return np.random.Generator(np.random.PCG64([self.table.seed, *numbers]))

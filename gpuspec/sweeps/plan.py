@@ -14,6 +14,7 @@ from typing import Any
 from gpuspec import words
 from gpuspec.errors import StationError
 from gpuspec.station.paths import places
+from gpuspec.station.seeds import NOISE, seeds_of, with_seeds
 from gpuspec.station.station import Station
 from gpuspec.station.toml import to_toml
 from gpuspec.sweeps.axes import Axis, axis, varied
@@ -150,10 +151,11 @@ class Plan:
                 f"{station.file}: the part has no defects, so there is nothing to score; add "
                 f"[[defects]] or [[populations]]."
             )
-        if parts > 1 and not (station.populations or station.sensor.noise):
+        random = station.populations or station.part.orange_peel or station.sensor.noise
+        if parts > 1 and not random:
             raise StationError(
-                f"{station.file}: the part has no random [[populations]], so {parts} parts would "
-                f"be {parts} times the same; take one."
+                f"{station.file}: the part has no random [[populations]] and no orange peel, so "
+                f"{parts} parts would be {parts} times the same; take one."
             )
         if seeds > 1 and not station.sensor.noise and "sensor.noise" not in vary:
             raise StationError(
@@ -312,7 +314,7 @@ def _with_design(station: Station, changes: Mapping[str, float | int]) -> Statio
 
 
 def with_part(station: Station, part: int, draw: int = 0) -> Station:
-    """Return a station with another random part, and other noise.
+    """Return a station with another random part, its defects and orange peel, and other noise.
 
     Parameters
     ----------
@@ -325,16 +327,9 @@ def with_part(station: Station, part: int, draw: int = 0) -> Station:
     if part == draw == 0:
         return station
 
-    def later(one: Any, by: int) -> Any:
-        return one.model_copy(update={"seed": (one.seed + by) % 2**32})
-
-    step = part * SEED_STEP
-    return station.model_copy(
-        update={
-            "sensor": later(station.sensor, step + draw * DRAW_STEP),
-            "populations": tuple(later(one, step) for one in station.populations),
-        }
-    )
+    later = {key: seed + part * SEED_STEP for key, seed in seeds_of(station).items()}
+    later[NOISE] += draw * DRAW_STEP
+    return with_seeds(station, {key: seed % 2**32 for key, seed in later.items()})
 
 
 def scored_at(station: Station, threshold_dn: float) -> Station:

@@ -43,9 +43,10 @@ def whole(station, engine, part, threshold):
 @pytest.mark.parametrize("noise", [False, True])
 @pytest.mark.parametrize(
     "changes",
-    [{}, {"segmentation__min_area_mm2": 0.06}, {"part__pose": {"tilt_y_deg": 1.0}}],
+    [{}, {"segmentation__min_area_mm2": 0.06}, {"part__pose": {"tilt_y_deg": 1.0}},
+     {"part__orange_peel": {"wavelength_mm": 2.0, "slope_rad": 0.0005}}],
     ids=str,
-)
+)  # fmt: skip
 def test_a_trial_is_what_the_whole_part_tells(station, engine, noise, changes):
     station = station.replace(sensor__noise=noise, **changes)
     seen = 0

@@ -109,6 +109,15 @@ def test_parts_differ_in_every_seed_and_the_first_is_the_stations_own(station):
     assert other.defects == station.defects
 
 
+def test_every_part_has_orange_peel_of_its_own(station):
+    peel = {"wavelength_mm": 2.0, "slope_rad": 0.002, "seed": 7}
+    peeled = station.replace(part__orange_peel=peel, populations=())
+    seeds = [with_part(peeled, k, 1).part.orange_peel.seed for k in range(3)]
+    assert seeds == [7, (7 + SEED_STEP) % 2**32, (7 + 2 * SEED_STEP) % 2**32]
+    assert with_part(peeled, 2).part.shape == peeled.part.shape
+    assert Plan.of(peeled, GRID, parts=3).parts == 3
+
+
 def test_no_part_has_a_seed_of_another_s(station):
     """Populations with seeds 1 and 2, and noise: none is that of another part one further."""
     seeds = [p.seed for k in range(60) for p in with_part(station, k).populations]

@@ -130,7 +130,8 @@ def test_every_part_has_noise_of_its_own(opencl):
 @pytest.mark.parametrize(
     "change",
     [{}, {"sequence.fusion": "std"}, {"camera.subsampling": 2}, {"camera.subsampling": "auto"},
-     {"sequence.step_mm": 0.31}, {"sensor.noise": True}],
+     {"sequence.step_mm": 0.31}, {"sensor.noise": True},
+     {"part.orange_peel": {"wavelength_mm": 2.0, "slope_rad": 0.004}}],
     ids=str,
 )  # fmt: skip
 def test_parts_of_a_population_are_counted_whatever_the_design(station, backend, change):
@@ -181,6 +182,20 @@ def test_what_is_drawn_of_an_uneven_part_needs_sub_rays_and_is_counted_whole(ref
     assert Bench(plan, opencl).rows([0, 1], sampled=True)["exact"].to_pylist() == [True, True]
     plain = Plan.of(uneven.replace(camera__subsampling=1), vary, samples=2000)
     assert Bench(plain, opencl).rows([0, 1], sampled=True)["exact"].to_pylist() == [False, False]
+
+
+@pytest.mark.parametrize("sampled", [False, True])
+def test_every_part_has_orange_peel_of_its_own_counted_whole_or_screened(station, opencl, sampled):
+    """Nothing else is random: what differs from part to part is the peel, and it is the part's."""
+    peel = {"wavelength_mm": 2.0, "slope_rad": 0.004}
+    design = station.replace(populations=(), part__orange_peel=peel)
+    found, traced = Parts(opencl, 3, 300).levels([design], sampled=sampled)
+    for number, (levels, part) in enumerate(zip(found, traced, strict=True)):
+        own = design.replace(part__orange_peel={"seed": number * SEED_STEP % 2**32})
+        whole, _ = Parts(opencl, 1, 0).levels([own], sampled=False)
+        assert np.array_equal(levels.peaks, whole[0].peaks)
+        assert (part.sample is not None) == sampled
+    assert len({levels.peaks.tobytes() for levels in found}) == 3
 
 
 def test_the_plan_tells_the_memory_of_every_sub_ray(station):
