@@ -379,6 +379,12 @@ def _notes(choice: AimChoice) -> list[str]:
             f"something else at its threshold; the robust design {robust.design} does not, and is "
             f"what is written."
         )
+    if robust.station.segmentation.min_area_mm2:
+        found.append(
+            "the room within the tolerances is one of levels: segmentation.min_area_mm2 leaves out "
+            "a blob that is too small for it, however bright; gpuspec study tolerance looks at "
+            "the blobs."
+        )
     spread = robust.confirmed.spread()
     low, high = spread["hit_share_95"]
     if choice.plan.inspections > 1:

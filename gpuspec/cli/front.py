@@ -274,6 +274,12 @@ def _notes(choice: Choice, lines: list[Line], there: int) -> list[str]:
     if choice.shortfall:
         found.append(choice.shortfall)
     found += choice.notes
+    area = plan.station.segmentation.min_area_mm2
+    if area:
+        found.append(
+            f"the rule counts pixels, and segmentation.min_area_mm2 = {area:g} is left out of what "
+            f"--write writes, so that it scores the same; --min-area-mm2 {area:g} chooses with it."
+        )
     alone = [line.key for line in lines if line.alone]
     if alone:
         found.append(

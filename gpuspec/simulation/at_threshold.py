@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gpuspec.arrays import BESIDE
+from gpuspec.arrays import BESIDE, GreyLevels
 from gpuspec.detection.connected import connected
 from gpuspec.detection.expected import Expected, pixel_by_pixel
 from gpuspec.detection.false_blobs import false_blobs, least_pixels
@@ -16,6 +16,42 @@ from gpuspec.detection.inspection import levelled
 from gpuspec.light.light_map import has_noisy_form
 from gpuspec.simulation.simulate import Traced
 from gpuspec.station.station import Station
+
+
+@dataclass(frozen=True)
+class Looked:
+    """A part's aspect image under a design, whatever its threshold.
+
+    Attributes
+    ----------
+    aspect : ndarray of float32, shape (M, N)
+        Whose levels a threshold is held against.
+    level : ndarray of float32, shape (M, N)
+        Of which levels are told: of noise as they are on average, its spread beside them.
+    """
+
+    aspect: GreyLevels
+    level: GreyLevels
+
+    @classmethod
+    def of(cls, traced: Traced, station: Station, *, drawn: bool = True) -> Looked:
+        """Take the image of a traced part.
+
+        Parameters
+        ----------
+        traced : Traced
+        station : Station
+            Of its geometry.
+        drawn : bool
+            See :meth:`AtThreshold.of`.
+        """
+        light_map, level = traced.light_map, None
+        if has_noisy_form(station):
+            level = _held(light_map.moments(station).mean, traced, station)
+        if level is not None and not drawn:
+            return cls(level, level)
+        aspect = _held(light_map.aspect(station), traced, station)
+        return cls(aspect, aspect if level is None else level)
 
 
 @dataclass(frozen=True)
@@ -76,7 +112,13 @@ class AtThreshold:
 
     @classmethod
     def of(
-        cls, traced: Traced, station: Station, *, drawn: bool = True, expected: bool = True
+        cls,
+        traced: Traced,
+        station: Station,
+        *,
+        drawn: bool = True,
+        expected: bool = True,
+        looked: Looked | None = None,
     ) -> AtThreshold:
         """Look at a traced part under a design of its geometry.
 
@@ -90,20 +132,14 @@ class AtThreshold:
             takes a tenth of the time.
         expected : bool
             Whether it is told what noise makes of it.
+        looked : Looked, optional
+            Of that station at any threshold; None: it is taken.
         """
+        looked = looked or Looked.of(traced, station, drawn=drawn)
+        aspect, level = looked.aspect, looked.level
         on_part, truth, rule = traced.lost != BESIDE, traced.truth, station.segmentation
-        light_map, threshold = traced.light_map, float(rule.threshold)
-        noisy = has_noisy_form(station)
-        told = expected and noisy and pixel_by_pixel(station)
-        # Of noise the levels are told as they are on average, and its spread beside them.
-        mean = light_map.moments(station).mean if noisy else None
-        level = None if mean is None else _held(mean, traced, station)
-        if level is None or drawn:
-            aspect = _held(light_map.aspect(station), traced, station)
-        else:
-            aspect = level
-        level = aspect if level is None else level
-        guard = traced.guard
+        guard, threshold = traced.guard, float(rule.threshold)
+        told = expected and has_noisy_form(station) and pixel_by_pixel(station)
         least = least_pixels(rule.min_area_mm2, station.camera.sampling_mm)
         detected = (aspect > threshold) & on_part
         if least > 1:
@@ -127,7 +163,7 @@ class AtThreshold:
             tuple(truth.defects[n].kind for n in seen),
             tuple((hit[seen] > 0).tolist()),
             float(flawless.max(initial=0.0)),
-            light_map.expected(threshold, station) if told else None,
+            traced.light_map.expected(threshold, station) if told else None,
         )  # fmt: skip
 
 

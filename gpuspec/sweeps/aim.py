@@ -18,6 +18,9 @@ Floats = NDArray[np.float64]
 Sign = Literal["=", "<=", ">="]
 _FORM = re.compile(r"^\s*([\w.]+)\s*(<=|>=|==|=|<|>)\s*(\S+)\s*$")
 _SHARES = "p1", "p2", "f1", "worst_p2", "sure_hit_share"
+KNOWN: Mapping[str, Any] = {}
+"""Of measures that are all known exactly."""
+
 _HOW = 'write NAME = VALUE, NAME >= VALUE or NAME <= VALUE, e.g. "margin_sigma >= 6"'
 
 
@@ -82,7 +85,7 @@ class Requirement:
         """What is required."""
         return MEASURES[self.name]
 
-    def short_of(self, values: Any, most: Any) -> Floats:
+    def short_of(self, values: Any, most: Any, span: tuple[Any, Any] | None = None) -> Floats:
         """Return by how much values miss what is required, 0 where they do not.
 
         As a share of what is required, so that shortfalls of different things compare.
@@ -93,8 +96,13 @@ class Requirement:
             Of the measure; NaN: not known, which misses it by 1.
         most : array
             What ``all`` is, of a shape that broadcasts.
+        span : two arrays, optional
+            Between which the values are, where they are not known exactly: by what of that is the
+            nearest to what is required.
         """
         wanted = most if math.isinf(self.value) else self.value
+        if span is not None:
+            values = np.clip(wanted, *span)
         more, less = np.maximum(wanted - values, 0), np.maximum(values - wanted, 0)
         missing = {"=": more + less, ">=": more, "<=": less}[self.sign]
         share: Floats = missing / np.maximum(np.abs(wanted), 1.0)
@@ -150,7 +158,9 @@ class Aim:
         """The measures it looks at, each once."""
         return tuple(dict.fromkeys([self.goal, *(r.name for r in self.require)]))
 
-    def shortfalls(self, values: Mapping[str, Any], all_of: Mapping[str, Any]) -> list[Floats]:
+    def shortfalls(
+        self, values: Mapping[str, Any], all_of: Mapping[str, Any], spans: Mapping[str, Any] = KNOWN
+    ) -> list[Floats]:
         """Return by how much each requirement is missed, see :meth:`Requirement.short_of`.
 
         Parameters
@@ -159,8 +169,13 @@ class Aim:
             By the name of the measure.
         all_of : mapping of str to array
             What ``all`` means of some of them.
+        spans : mapping of str to two arrays
+            Between which some of them are, that are not known exactly.
         """
-        return [r.short_of(values[r.name], all_of.get(r.name, math.nan)) for r in self.require]
+        return [
+            r.short_of(values[r.name], all_of.get(r.name, math.nan), spans.get(r.name))
+            for r in self.require
+        ]
 
     @property
     def least_hits(self) -> int | None:
@@ -170,7 +185,9 @@ class Aim:
         by_kind = any(r.name != "hits" for r in of_hits)
         return None if by_kind or math.isinf(least) else math.ceil(least)
 
-    def order(self, values: Mapping[str, Any], all_of: Mapping[str, Any]) -> list[Floats]:
+    def order(
+        self, values: Mapping[str, Any], all_of: Mapping[str, Any], spans: Mapping[str, Any] = KNOWN
+    ) -> list[Floats]:
         """Return what is to be high, one after another, of points of any shape.
 
         Parameters
@@ -180,8 +197,10 @@ class Aim:
             the thresholds between a point's own and the nearer of flawless surface and defect.
         all_of : mapping of str to array
             What ``all`` is of each of the ``hits``.
+        spans : mapping of str to two arrays
+            See :meth:`shortfalls`.
         """
-        missed = self.shortfalls(values, all_of)
+        missed = self.shortfalls(values, all_of, spans)
         unmet = sum((m > 0).astype(np.float64) for m in missed) if missed else 0.0
         goal = np.asarray(values[self.goal], np.float64)
         goal = goal if MEASURES[self.goal].high else -goal

@@ -380,6 +380,84 @@ def test_false_blobs_are_counted_by_the_station_s_own_size_filter(station, openc
     assert (by_pixel.min_area_mm2, by_pixel.threshold != 200.0) == (0.0, True)
 
 
+def looked_at(run: RunFolder, engine, **rule) -> list[dict[str, float]]:
+    """The measures of every design, looked at whole."""
+    plan = run.plan
+    stations = [plan.station_of(design).replace(**rule) for design in range(plan.designs)]
+    return [one.values() for one in confirm_all(stations, 1, engine)]
+
+
+@pytest.fixture(scope="module")
+def margins(swept, opencl) -> np.ndarray:
+    found = looked_at(swept["exact"], opencl, segmentation__threshold=90.0)
+    return np.array([one["margin_dn"] for one in found])
+
+
+def test_the_most_margin_is_that_of_the_image_and_not_of_a_table_s_whole_levels(
+    swept, margins, opencl
+):
+    """Of designs that the table tells to be alike, or nearly, the best is found."""
+    table = np.array([row["margin_dn"] for row in rows(swept["exact"])])
+    assert 0.5 < np.abs(table - margins).max() < 1
+    # Among each few designs whose margins are within a level, as if no others were required.
+    for most in np.unique(table[table > 0])[-12:]:
+        aim = Aim("margin_dn", (f"margin_dn <= {most:g}", *FOUND))
+        peak = choose_for(swept["exact"], aim, backend=opencl).peak
+        assert peak.values["margin_dn"] == margins[margins <= most].max()
+
+
+def test_a_margin_that_is_required_is_refused_only_where_it_cannot_be(swept, margins, opencl):
+    table = np.array([row["margin_dn"] for row in rows(swept["exact"])])
+    design = int(np.argmax(margins))
+    assert table[design] < margins[design]
+    between = (table.max() + margins[design]) / 2
+    choice = choose_for(swept["exact"], Aim("images", (f"margin_dn >= {between}",)), backend=opencl)
+    assert choice.peak.design == design
+    assert choice.ranked.design.tolist() == [design]
+    beyond = margins[design] + 0.1
+    told = rf"when it is looked at whole\. Design {design} \(.* in its way stands: margin_dn is 106"
+    with pytest.raises(StationError, match=told):
+        choose_for(swept["exact"], Aim("images", (f"margin_dn >= {beyond}",)), backend=opencl)
+
+
+@pytest.mark.parametrize("area", [0.1, 0.3])
+def test_with_a_size_filter_the_threshold_is_one_at_which_all_is_large_enough(swept, opencl, area):
+    """In the middle of those at which every defect is hit and nothing else, by the filter."""
+    aim = Aim("margin_dn", FOUND)
+    choice = choose_for(swept["exact"], aim, min_area_mm2=area, backend=opencl)
+    peak = choice.peak
+    levels = [peak.station.replace(segmentation__threshold=float(dn)) for dn in range(255)]
+    found = [one.values() for one in confirm_all(levels, 1, opencl)]
+    met = [dn for dn, one in enumerate(found)
+           if (one["hits"], one["false_blobs"]) == (choice.all_of["hits"], 0)]  # fmt: skip
+    assert met == [*range(met[0], met[-1] + 1)]
+    assert abs(peak.threshold_dn - (met[0] + met[-1]) / 2) <= 1
+    assert met[-1] < (peak.confirmed.faintest_dn() + peak.confirmed.flawless_dn) / 2
+    assert peak.design == choose_for(swept["exact"], aim, backend=opencl).peak.design
+
+
+def test_the_best_p1_by_a_size_filter_is_that_of_all_thresholds(station, opencl, tmp_path):
+    run = gpuspec.sweep(station, {"sensor.exposure": [4]}, tmp_path / "run", backend=opencl)
+    peak = choose_for(run, Aim("p1", ("hits = all",)), min_area_mm2=0.3, backend=opencl).peak
+    every = [peak.station.replace(segmentation__threshold=float(dn)) for dn in range(255)]
+    found = [one.values() for one in confirm_all(every, 1, opencl)]
+    most = max(one["p1"] for one in found if one["hits"] == 6)
+    assert peak.values["p1"] == pytest.approx(most, abs=1e-12)
+
+
+def test_the_paper_s_rule_says_that_it_leaves_out_the_size_filter(
+    gpuspec_: Command, station, opencl, tmp_path
+):
+    filtered = station.replace(segmentation__min_area_mm2=0.05)
+    for number, own in enumerate((station, filtered)):
+        run = gpuspec.sweep(own, {"sensor.exposure": [2, 4]}, tmp_path / f"{number}",
+                            backend=opencl)  # fmt: skip
+        ran = gpuspec_("front", run.path, "--no-pictures")
+        assert ("--min-area-mm2 0.05 chooses with it" in ran.out) == (number == 1)
+        ran = gpuspec_("front", run.path, "--goal", "hits", "--no-pictures")
+        assert ("a blob that is too small for it" in ran.out) == (number == 1)
+
+
 @pytest.mark.parametrize(
     ("goal", "over", "area", "aim"),
     [

@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gpuspec import words
 from gpuspec.errors import StationError
 from gpuspec.light.backend import Backend
+from gpuspec.light.constants import LEVELS
 from gpuspec.light.devices import open_backend
 from gpuspec.light.levels import thresholds
 from gpuspec.shown import object_of
 from gpuspec.station.corners import corners
 from gpuspec.station.costs import COSTS
 from gpuspec.station.station import Station
-from gpuspec.sweeps.aim import Aim, best_of
+from gpuspec.sweeps.aim import KNOWN, Aim, best_of
 from gpuspec.sweeps.choosing.choose import most_defects
-from gpuspec.sweeps.choosing.measured import COLUMNS, Measured, counts_of_kinds
+from gpuspec.sweeps.choosing.measured import BITS, COLUMNS, Measured, counts_of_kinds
 from gpuspec.sweeps.choosing.robust import Tolerances, windows
 from gpuspec.sweeps.keeping.folder import RunFolder
 from gpuspec.sweeps.measures import MEASURES, NEEDS, measure
@@ -30,8 +33,16 @@ from gpuspec.sweeps.trying.confirm import Confirmed, confirm_all, held_window
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+
 LOOKED_AT = 24
 """Designs at most that are looked at whole until one is found that meets the aim."""
+
+FILTERED = frozenset(MEASURES).difference(
+    COSTS, ("margin_dn", "margin_sigma", "noise_dn", "smallest_mm")
+)
+"""Measures that a size filter changes: all but those of levels, and costs."""
+
+_FIRST_STEP = 16  # of the levels that a design is looked at through a filter
 
 HELD = 3
 """Designs at most whose corner designs are tried."""
@@ -46,16 +57,20 @@ class Standing:
     design, level : ndarray of int64, shape (n,)
     values : dict of str to ndarray, shape (n,)
         By the name of the measure.
+    spans : dict of str to ndarray, shape (2, n)
+        Between which some of these are, that a table does not tell exactly.
     """
 
     design: Ints
     level: Ints
     values: dict[str, Floats]
+    spans: dict[str, Floats] = field(default_factory=dict)
 
     def only(self, where: Any) -> Standing:
         """Return some of them, or in another order."""
         values = {name: own[where] for name, own in self.values.items()}
-        return Standing(self.design[where], self.level[where], values)
+        spans = {name: own[:, where] for name, own in self.spans.items()}
+        return Standing(self.design[where], self.level[where], values, spans)
 
     @classmethod
     def together(cls, parts: Sequence[Standing]) -> Standing:
@@ -63,6 +78,8 @@ class Standing:
         return cls(
             np.concatenate([p.design for p in parts]), np.concatenate([p.level for p in parts]),
             {name: np.concatenate([p.values[name] for p in parts]) for name in parts[0].values},
+            {name: np.concatenate([p.spans[name] for p in parts], axis=1)
+             for name in parts[0].spans},
         )  # fmt: skip
 
 
@@ -110,7 +127,8 @@ class AimChoice:
     run : RunFolder
     aim : Aim
     ranked : Standing
-        Every design that meets the aim, at its best threshold, the best first.
+        Every design that meets the aim as far as the table tells, at its best threshold, the best
+        first.
     over : tuple of str
         The two or three measures of the front.
     front : Standing
@@ -177,7 +195,9 @@ def choose_for(
 ) -> AimChoice:
     """Choose by an aim from the designs that a sweep's folder holds.
 
-    What is chosen is looked at whole, every pixel, and meets the aim exactly.
+    What is chosen is looked at whole, every pixel, and meets the aim exactly: the table tells
+    margins to a level, and knows of no size filter. Of designs that may be as good the best is
+    taken.
 
     Parameters
     ----------
@@ -224,19 +244,20 @@ def choose_for(
     # What the table only bounds is taken for as good as it may be, and then looked at.
     if min_area_mm2 is None:
         min_area_mm2 = run.plan.station.segmentation.min_area_mm2
-    lenient = frozenset(["false_blobs"] if min_area_mm2 else _loose(aim)) - {aim.goal, *over}
-    standing, front, weakest, flawless = _read(run, aim, over, all_of, lenient)
+    loose = (FILTERED if min_area_mm2 else _loose(aim)) - ({"false_blobs"} & {aim.goal, *over})
+    standing, front, weakest, flawless = _read(run, aim, over, all_of, loose)
     ranked = _ranked(standing, aim, all_of)
     met = _met(ranked, aim, all_of)
     if not met.any():
         raise StationError(_nearest(run, ranked, aim, all_of))
-    ranked = ranked.only(met)
     engine = open_backend(backend, device)
     looker = _Looker(run.plan, aim, all_of, min_area_mm2, engine)
-    peak = looker.first(ranked)
+    peak, missed = looker.best(ranked.only(met))
+    ranked = ranked.only(met & ~np.isin(ranked.design, missed))
+    ranked = ranked.only(np.argsort(ranked.design != peak[0], kind="stable"))
     low, high = windows(run.plan, tolerances, weakest, flawless)
     # Of the peak the threshold is held as it is, of the robust choice it is set for all of them.
-    one = looker.held(peak[0], peak[1], tolerances, (low, high))
+    one = looker.held(*peak, tolerances, (low, high))
     order = _by_window(ranked, aim, low, high)
     robust = looker.robust(ranked.only(order), tolerances, (low, high), one)
     return AimChoice(run, aim, ranked, over, front, one, robust, tolerances, all_of)
@@ -257,14 +278,13 @@ def _check_known(station: Station, names: Any) -> None:
     )
 
 
-def _loose(aim: Aim) -> list[str]:
+def _loose(aim: Aim) -> frozenset[str]:
     """Return the measures whose requirement a screened or a counted bound does not decide."""
-    return [r.name for r in aim.require if r.name == "false_blobs" and r.value > 0]
+    return frozenset(r.name for r in aim.require if r.name == "false_blobs" and r.value > 0)
 
 
 def _read(
-    run: RunFolder, aim: Aim, over: tuple[str, ...], all_of: dict[str, int],
-    lenient: frozenset[str],
+    run: RunFolder, aim: Aim, over: tuple[str, ...], all_of: dict[str, int], loose: frozenset[str],
 ) -> tuple[Standing, Standing, Ints, Ints]:  # fmt: skip
     """Return each design at its best threshold, the front, and the levels of the whole grid."""
     weakest = np.full(run.plan.designs, -1, np.int64)
@@ -272,18 +292,19 @@ def _read(
     wanted = {*aim.names, *over}
     standing: list[Standing] = []
     fronts: list[Standing] = []
-    for table in run.batches([*COLUMNS]):
-        found = Measured.of(table, wanted, aim.least_hits)
+    bits = [BITS] * any(a.key == BITS for a in run.plan.axes)
+    for table in run.batches([*COLUMNS, *bits]):
+        found = Measured.of(table, wanted, aim.least_hits, run.plan.station.sensor)
         if found is None:
             continue
         weakest[found.design], flawless[found.design] = found.weakest, found.flawless
-        values = {**found.values, **{name: np.zeros((1, 1)) for name in lenient}}
-        level = best_of(aim.order(values, all_of))
-        standing.append(_at(found, values, np.arange(len(level)), level))
-        missed = aim.shortfalls(values, all_of)
+        spans = {**found.spans, **_spans(found.values, loose.intersection(wanted))}
+        level = best_of(aim.order(found.values, all_of, spans))
+        standing.append(_at(found, spans, np.arange(len(level)), level))
+        missed = aim.shortfalls(found.values, all_of, spans)
         met = np.broadcast_to(sum(missed) == 0 if missed else True, (len(level), 256))
         row, at = np.nonzero(met)
-        points = _at(found, values, row, at)
+        points = _at(found, spans, row, at)
         fronts.append(points.only(_undominated(points, over)))
     every = Standing.together(fronts)
     return (
@@ -291,10 +312,24 @@ def _read(
     )  # fmt: skip
 
 
-def _at(found: Measured, values: dict[str, Any], row: Any, level: Any) -> Standing:
-    shape = len(found.design), 256
-    picked = {name: np.broadcast_to(v, shape)[row, level] for name, v in values.items()}
-    return Standing(found.design[row], np.asarray(level, np.int64), picked)
+def _spans(values: dict[str, Floats], loose: Collection[str]) -> dict[str, tuple[Floats, Floats]]:
+    """Return between which measures are that a table but bounds: no size filter adds to a pixel."""
+    return {
+        name: (0 * values[name], values[name] if name not in ("p1", "f1") else 0 * values[name] + 1)
+        for name in loose
+    }
+
+
+def _at(found: Measured, spans: dict[str, tuple[Floats, Floats]], row: Any, level: Any) -> Standing:
+    def picked(values: Floats) -> Floats:
+        of: Floats = np.broadcast_to(values, (len(found.design), LEVELS))[row, level]
+        return of
+
+    return Standing(
+        found.design[row], np.asarray(level, np.int64),
+        {name: picked(values) for name, values in found.values.items()},
+        {name: np.stack([picked(end) for end in ends]) for name, ends in spans.items()},
+    )  # fmt: skip
 
 
 def _undominated(points: Standing, over: tuple[str, ...]) -> Ints:
@@ -322,40 +357,57 @@ def _undominated(points: Standing, over: tuple[str, ...]) -> Ints:
 
 
 def _ranked(standing: Standing, aim: Aim, all_of: dict[str, int]) -> Standing:
-    criteria = aim.order(standing.values, all_of)
+    criteria = aim.order(standing.values, all_of, standing.spans)
     every = np.broadcast_arrays(*criteria, standing.design)[:-1]
     return standing.only(np.lexsort((standing.design, *(-c for c in reversed(every)))))
 
 
 def _met(standing: Standing, aim: Aim, all_of: dict[str, int]) -> NDArray[np.bool_]:
-    missed = aim.shortfalls(standing.values, all_of)
+    missed = aim.shortfalls(standing.values, all_of, standing.spans)
     return np.broadcast_to(sum(missed) == 0 if missed else True, standing.design.shape)
 
 
 def _nearest(run: RunFolder, ranked: Standing, aim: Aim, all_of: dict[str, int]) -> str:
     """Say which design comes nearest to an aim, and what stands in its way."""
-    first = ranked.only(slice(0, 1))
-    design = int(first.design[0])
-    missed = aim.shortfalls(first.values, all_of)
+    design, level = int(ranked.design[0]), int(ranked.level[0])
+    values = {name: own[0] for name, own in ranked.values.items()}
+    spans = {name: (low[0], high[0]) for name, (low, high) in ranked.spans.items()}
+    way = _in_the_way(aim, values, all_of, spans)
+    return (
+        f"no design of {run.path} meets {', '.join(map(str, aim.require))}. "
+        f"{_named(run.plan, design)} comes nearest, at {_threshold(run.plan, design, level):.4g} "
+        f"DN; in its way stands: {way}. Ask for less of that, or sweep further."
+    )
+
+
+def _named(plan: Plan, design: int) -> str:
+    values = ", ".join(f"{key} = {value:g}" for key, value in plan.values(design).items())
+    return f"Design {design} ({values})"
+
+
+def _in_the_way(
+    aim: Aim, values: Mapping[str, Any], all_of: dict[str, int],
+    spans: Mapping[str, tuple[Any, Any]] = KNOWN,
+) -> str:  # fmt: skip
+    """Say what of an aim one design misses, and by what it does."""
     ways = []
-    for requirement, short in zip(aim.require, missed, strict=True):
-        if short[0] > 0:
-            value = float(first.values[requirement.name][0])
+    for requirement, short in zip(aim.require, aim.shortfalls(values, all_of, spans), strict=True):
+        if short > 0:
+            value = float(values[requirement.name])
             has = "is not known" if np.isnan(value) else f"is {requirement.measure.shown(value)}"
             of = f" of {all_of[requirement.name]}" if requirement.name in all_of else ""
             ways.append(f"{requirement.name} {has}{of}, not {requirement}")
-    values = ", ".join(f"{key} = {value:g}" for key, value in run.plan.values(design).items())
-    dn = _threshold(run.plan, design, int(first.level[0]))
-    return (
-        f"no design of {run.path} meets {', '.join(map(str, aim.require))}. Design {design} "
-        f"({values}) comes nearest, at {dn:.4g} DN; in its way stands: {'; '.join(ways)}. Ask for "
-        f"less of that, or sweep further."
-    )
+    return "; ".join(ways)
 
 
 def _threshold(plan: Plan, design: int, level: int) -> float:
     bits = int(plan.values(design).get("sensor.bit_depth", plan.station.sensor.bit_depth))
     return float(thresholds(2**bits - 1)[level])
+
+
+def _points(some: Standing) -> list[tuple[int, int]]:
+    """Return the first designs and their levels, so many as are looked at."""
+    return list(zip(some.design.tolist(), some.level.tolist(), strict=True))[:LOOKED_AT]
 
 
 def _by_window(ranked: Standing, aim: Aim, low: Ints, high: Ints) -> NDArray[np.intp]:
@@ -383,23 +435,25 @@ class _Looker:
     min_area_mm2: float
     backend: Backend
 
-    def at(self, design: int, threshold_dn: float, **off: Any) -> Confirmed:
-        """Look at a design at a threshold, some keys off."""
-        return self._every(design, threshold_dn, [off], drawn=True)[0]
+    def at(self, points: Iterable[tuple[int, float]]) -> list[Confirmed]:
+        """Look at designs, each at a threshold."""
+        return self._every([(design, dn, {}) for design, dn in points], drawn=True)
 
     def levels(
         self, design: int, threshold_dn: float, offs: Sequence[dict[str, Any]]
     ) -> list[Confirmed]:
         """Look at a design with some keys off, once for each of several: at its levels alone."""
-        return self._every(design, threshold_dn, offs, drawn=False)
+        return self._every([(design, threshold_dn, off) for off in offs], drawn=False)
 
     def _every(
-        self, design: int, threshold_dn: float, offs: Sequence[dict[str, Any]], *, drawn: bool
+        self, points: Sequence[tuple[int, float, dict[str, Any]]], *, drawn: bool
     ) -> list[Confirmed]:
-        station = self.plan.station_of(design)
-        rule = {"segmentation.threshold": threshold_dn,
-                "segmentation.min_area_mm2": self.min_area_mm2}  # fmt: skip
-        stations = [station.replace(**off, **rule) for off in offs]
+        stations = [
+            self.plan.station_of(design).replace(
+                **off, segmentation__threshold=dn, segmentation__min_area_mm2=self.min_area_mm2
+            )
+            for design, dn, off in points
+        ]
         plan = self.plan
         return confirm_all(stations, plan.parts, self.backend, plan.seeds, drawn=drawn)
 
@@ -408,18 +462,111 @@ class _Looker:
         values = {name: np.array(value) for name, value in found.values().items()}
         return not any(float(m) > 0 for m in self.aim.shortfalls(values, self.all_of))
 
-    def first(self, ranked: Standing) -> tuple[int, float]:
-        """Return the first design that meets the aim when it is looked at, and its threshold."""
-        for design, level in list(
-            zip(ranked.design.tolist(), ranked.level.tolist(), strict=True)
-        )[:LOOKED_AT]:  # fmt: skip
-            threshold = _threshold(self.plan, design, level)
-            found = self.at(design, threshold)
-            if self.meets(found):
-                return design, threshold
-        raise StationError(
-            f"of the {min(LOOKED_AT, len(ranked.design))} designs that promise most none meets "
-            f"{self.aim} when it is looked at whole; ask for less."
+    def best(self, ranked: Standing) -> tuple[tuple[int, float], list[int]]:
+        """Return the best design that meets the aim when it is looked at, and its threshold.
+
+        After the first that does, those are looked at that may be better for all the table tells.
+
+        Parameters
+        ----------
+        ranked : Standing
+            What may meet the aim.
+
+        Returns
+        -------
+        design, threshold_dn : int, float
+        missed : list of int
+            Designs that do not meet it.
+        """
+        certain = ranked.only(_met(replace(ranked, spans={}), self.aim, self.all_of))
+        looked: dict[int, Confirmed] = {}
+        for design, level in chain(_points(ranked), _points(certain)):
+            if design not in looked:
+                looked |= self._look([(design, level)])
+            if self.meets(looked[design]):
+                rivals = ranked.only(self._may_beat(looked[design], ranked))
+                left = max(LOOKED_AT - len(looked), 0)
+                looked |= self._look([p for p in _points(rivals) if p[0] not in looked][:left])
+                break
+        best = self._best_of(looked)
+        if not self.meets(looked[best]):
+            raise StationError(self._none(looked, best))
+        missed = [design for design, found in looked.items() if not self.meets(found)]
+        return (best, float(looked[best].station.segmentation.threshold)), missed
+
+    def _look(self, points: Sequence[tuple[int, int]]) -> dict[int, Confirmed]:
+        """Look at designs at their levels or, through a size filter, at the level that is best."""
+        if self.min_area_mm2:
+            return {design: self._filtered(design) for design, _ in points}
+        found = self.at((design, _threshold(self.plan, design, level)) for design, level in points)
+        return {design: one for (design, _), one in zip(points, found, strict=True)}
+
+    def _filtered(self, design: int) -> Confirmed:
+        """Look at a design at levels that come closer and closer to the best.
+
+        What a size filter leaves no table tells: a blob shrinks as the threshold rises.
+        """
+        looked: dict[int, Confirmed] = {}
+        room: dict[int, float] = {}
+        wanted = [*range(0, LEVELS - 1, _FIRST_STEP), LEVELS - 2]
+        while wanted:
+            found = self.at((design, _threshold(self.plan, design, level)) for level in wanted)
+            looked |= zip(wanted, found, strict=True)
+            low, high = self._window(looked)
+            room = {level: float(min(level - low, high - level)) for level in looked}
+            best = self._best_of(looked, room)
+            levels = sorted(looked)
+            between = {(one + next_) // 2 for one, next_ in pairwise(levels)
+                       if best in (one, next_) or low == one or high == next_}  # fmt: skip
+            wanted = sorted({*between, (low + high) // 2} - {*looked})
+        return looked[best]
+
+    def _window(self, looked: Mapping[int, Confirmed]) -> tuple[int, int]:
+        """Return the last level with a false blob, and the first at which too little is hit."""
+        least = self.aim.least_hits
+        low = max(
+            (level for level, one in looked.items() if one.values()["false_blobs"]), default=0
+        )
+        high = min(
+            (level for level, one in looked.items()
+             if one.values()["hits"] < min(one.defects, least or one.defects)),
+            default=LEVELS - 1,
+        )  # fmt: skip
+        return low, high
+
+    def _best_of(
+        self, looked: Mapping[int, Confirmed], room: Mapping[int, float] | None = None
+    ) -> int:
+        """Return which of what was looked at is the best by the aim, the first of equals."""
+        measures = [one.values() for one in looked.values()]
+        values = {name: np.array([one[name] for one in measures]) for name in MEASURES}
+        values["room"] = np.array([room[key] if room else 0.0 for key in looked])
+        return list(looked)[int(best_of(self.aim.order(values, self.all_of)))]
+
+    def _may_beat(self, found: Confirmed, ranked: Standing) -> NDArray[np.bool_]:
+        """Return which designs may be better than one that was looked at, by goal and margin."""
+        goal, own = self.aim.goal, found.values()
+        most = {
+            **ranked.values,
+            **{name: ranked.spans[name][1] for name in ("margin_dn", "margin_sigma")},
+        }
+        sign = 1 if MEASURES[goal].high else -1
+        more: Floats = sign * (most[goal] - own[goal])
+        better: NDArray[np.bool_] = (more > 0) | (
+            (more == 0) & (most["margin_dn"] > own["margin_dn"])
+        )
+        return better
+
+    def _none(self, looked: Mapping[int, Confirmed], nearest: int) -> str:
+        """Say that no design meets the aim, and what stands in the way of the nearest."""
+        found = looked[nearest]
+        values = {name: np.array(value) for name, value in found.values().items()}
+        way = _in_the_way(self.aim, values, self.all_of)
+        return (
+            f"of the {words.plural(len(looked), 'design')} that promise most none meets {self.aim} "
+            f"when it is looked at whole. {_named(self.plan, nearest)} comes nearest, at "
+            f"{found.station.segmentation.threshold:.4g} DN; in its way stands: {way}. Ask for "
+            f"less of that."
         )
 
     def held(
@@ -452,7 +599,8 @@ class _Looker:
             held = _threshold(self.plan, design, int(np.clip(level, 0, 254)))
         neighbours = sum(half is None for half in tolerances.halves.values())
         tried = len(off) + 3**neighbours - 1
-        return Held(design, held, self.at(design, held), min(high - held, held - low), tried)
+        (found,) = self.at([(design, held)])
+        return Held(design, held, found, min(high - held, held - low), tried)
 
     def robust(
         self, ordered: Standing, tolerances: Tolerances, grid: tuple[Ints, Ints], peak: Held

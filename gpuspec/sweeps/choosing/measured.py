@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gpuspec.detection.chances import least_share
 from gpuspec.light.constants import LEVELS
 from gpuspec.station.costs import COSTS
+from gpuspec.station.sections import Sensor
 from gpuspec.sweeps.choosing.front import curves, p1_bounds
 from gpuspec.sweeps.rule import f1_of
 from gpuspec.sweeps.trying.curves import KINDS
@@ -23,6 +24,15 @@ COLUMNS = ("design", "exact", "draws", "defects", "p1", "p2", "hits", "worst_hit
            "p1_low", "p1_high", "false_px", "peaks", "kinds", "margin_dn", "margin_high_dn",
            "margin_sigma", "noise_dn", "smallest_mm", *COSTS)  # fmt: skip
 """Of a sweep's table."""
+
+BITS = "sensor.bit_depth"
+"""A column, too, where it is varied."""
+
+DRAWN_SIGMAS = 6.0
+"""By how many deviations a draw of the noise may move a margin: the highest of a million flawless
+pixels is five above its mean, the brightest of a defect's own some less."""
+
+_SENSOR = Sensor()
 
 
 @dataclass(frozen=True)
@@ -38,6 +48,10 @@ class Measured:
         screened what it has at least: the least P1 and margin, the most false pixels. False blobs
         are no more than false pixels, and are none where these are none: they are counted of the
         designs that may be chosen alone.
+    spans : dict of str to two ndarray of shape (D, 1)
+        Between which both margins are: a level of the table stands for all from the one below it
+        on, so that the difference of two is off by less than one, each way; with noise by
+        `DRAWN_SIGMAS` more, for the table is of one draw.
     weakest, flawless : ndarray of int64, shape (D,)
         Level of the faintest defect that must be hit, and the highest of what is flawless.
     """
@@ -45,12 +59,17 @@ class Measured:
     design: NDArray[np.int64]
     exact: NDArray[np.bool_]
     values: dict[str, Floats]
+    spans: dict[str, tuple[Floats, Floats]]
     weakest: NDArray[np.int64]
     flawless: NDArray[np.int64]
 
     @classmethod
     def of(
-        cls, table: pa.Table, names: Collection[str], least_hits: int | None = None
+        cls,
+        table: pa.Table,
+        names: Collection[str],
+        least_hits: int | None = None,
+        sensor: Sensor = _SENSOR,
     ) -> Measured | None:
         """Read the valid designs of a table with `COLUMNS`; None if there are none.
 
@@ -61,6 +80,8 @@ class Measured:
             Measures that are wanted.
         least_hits : int, optional
             How many defects must be hit, the others, the faintest, may be missed; None: all.
+        sensor : Sensor
+            Of the sweep's station.
         """
         table = table.filter(pa.compute.is_valid(table["exact"]))
         if not len(table):
@@ -99,7 +120,10 @@ class Measured:
                 above = np.zeros_like(counts)
                 above[:, :-1] = counts[:, :0:-1].cumsum(axis=1)[:, ::-1]
                 values[f"hits.{kind}"] = above
-        return cls(table["design"].to_numpy(), table["exact"].to_numpy(), values, weakest, flawless)
+        return cls(
+            table["design"].to_numpy(), table["exact"].to_numpy(), values,
+            _spans(table, sensor), weakest, flawless,
+        )  # fmt: skip
 
 
 def counts_of_kinds(table: pa.Table) -> dict[str, int]:
@@ -123,6 +147,18 @@ def _defects(table: pa.Table) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArr
     lengths = pa.compute.list_value_length(peaks).to_numpy(zero_copy_only=False)
     row = np.repeat(np.arange(len(table)), lengths.astype(np.intp))
     return row, *(column.flatten().to_numpy().astype(np.intp) for column in (peaks, kinds))
+
+
+def _spans(table: pa.Table, sensor: Sensor) -> dict[str, tuple[Floats, Floats]]:
+    """Return between which both margins of each design are."""
+    bits = _column(table, BITS) if BITS in table.column_names else np.array(1.0 * sensor.bit_depth)
+    noise = _column(table, "noise_dn")
+    off = (2**bits - 1) / (LEVELS - 1) + (
+        DRAWN_SIGMAS * np.nan_to_num(noise) if sensor.noise else 0
+    )
+    low, high = _column(table, "margin_dn") - off, _column(table, "margin_high_dn") + off
+    noise = np.where(noise > 0, noise, np.nan)
+    return {"margin_dn": (low, high), "margin_sigma": (low / noise, high / noise)}
 
 
 def _column(table: pa.Table, name: str) -> Floats:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from itertools import product
+from itertools import groupby, product
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from gpuspec.detection.chances import least_share, share_within
 from gpuspec.detection.score import precision, recall
 from gpuspec.light.backend import Backend
 from gpuspec.light.light_map import has_noisy_form
-from gpuspec.simulation.at_threshold import AtThreshold
+from gpuspec.simulation.at_threshold import AtThreshold, Looked
 from gpuspec.simulation.simulate import trace
 from gpuspec.station.costs import costs
 from gpuspec.station.station import Station
@@ -182,15 +182,27 @@ def confirm_all(
             first = with_part(stations[places[0]], number)
             traced = trace(first, backend)
             noise = noise or Noise.traced(first, traced.relief)
-            for place, draw in product(places, range(seeds)):
-                own = with_part(stations[place], number, draw)
+            for alike, draw in product(_by_design(stations, places), range(seeds)):
+                looked = Looked.of(traced, with_part(stations[alike[0]], number, draw), drawn=drawn)
                 told = drawn and draw == 0  # of a part, whatever is drawn of it
-                seen[place].append(AtThreshold.of(traced, own, drawn=drawn, expected=told))
+                for place in alike:
+                    own = with_part(stations[place], number, draw)
+                    at = AtThreshold.of(traced, own, expected=told, looked=looked)
+                    seen[place].append(at)
             traced.light_map.release()
         for place in places:
             deviation = noise.of(stations[place]) if noise else math.nan
             found[place] = Confirmed(stations[place], tuple(seen[place]), deviation, seeds)
     return [found[place] for place in range(len(stations))]
+
+
+def _by_design(stations: Sequence[Station], places: Sequence[int]) -> list[list[int]]:
+    """Return the places of some stations, neighbours together that differ in segmentation alone."""
+
+    def bare(place: int) -> Station:
+        return stations[place].model_copy(update={"segmentation": stations[0].segmentation})
+
+    return [list(alike) for _, alike in groupby(places, bare)]
 
 
 def _has_one_mean(station: Station) -> bool:
