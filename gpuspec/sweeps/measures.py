@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 from gpuspec import words
@@ -106,3 +107,27 @@ def measure(name: str) -> Measure:
     close = difflib.get_close_matches(name, MEASURES, n=1, cutoff=0.5)
     hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(MEASURES)}."
     raise StationError(f"there is no {name!r} to choose by; {hint}")
+
+
+def check_kinds(names: Iterable[str], there: Collection[str]) -> None:
+    """See that there are defects of the kinds whose hits are counted.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Of measures.
+    there : collection of str
+        Of those ``hits.KIND`` of which there is a defect.
+
+    Raises
+    ------
+    StationError
+        If there is none: all of none are hit by any station.
+    """
+    for name in names:
+        if name.startswith("hits.") and name not in there:
+            what = MEASURES[name].said.removesuffix(" hit")
+            known = ", ".join(m for m in MEASURES if m == "hits" or m in there)
+            raise StationError(
+                f"there are no {what} on the part, so that {name} tells nothing; there are {known}."
+            )

@@ -255,6 +255,28 @@ def test_a_cost_that_the_station_does_not_tell_is_refused(swept, opencl):
     assert told.peak.values["cycle_s"] == pytest.approx(told.peak.values["images"] / 20)
 
 
+@pytest.mark.parametrize(
+    ("goal", "require", "over"),
+    [("hits.bump", (), None), ("images", ("hits.bump = all",), None),
+     ("images", (), ("hits.bump", "images"))],
+)  # fmt: skip
+def test_hits_of_a_kind_of_which_there_is_none_are_nothing_to_choose_by(
+    base, swept, opencl, tmp_path, goal, require, over
+):
+    told = (
+        r"there are no bumps on the part, .* hits\.bump tells nothing; there are hits, hits\.dent"
+    )
+    with pytest.raises(StationError, match=told):
+        choose_for(swept["exact"], Aim(goal, require), over, backend=opencl)
+    if over is None:
+        plan = gpuspec.search_plan(base, {"sensor.exposure": "2:6"})
+        with pytest.raises(StationError, match=told):
+            gpuspec.optimise(plan, tmp_path / "search", 2, Aim(goal, require), backend=opencl)
+        assert not (tmp_path / "search").exists()
+    found = choose_for(swept["exact"], Aim("hits.scratch", ("hits.dent = all",)), backend=opencl)
+    assert found.all_of["hits.scratch"] == 2
+
+
 @pytest.mark.parametrize("key", ["tunnel.dark", "tunnel.section", "nothing.at_all"])
 def test_a_tolerance_of_no_number_is_refused(base, key):
     plan = Plan.of(base.replace(tolerance={key: 1.0}), VARY)

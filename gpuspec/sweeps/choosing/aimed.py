@@ -26,7 +26,7 @@ from gpuspec.sweeps.choosing.choose import most_defects
 from gpuspec.sweeps.choosing.measured import BITS, COLUMNS, Measured, counts_of_kinds
 from gpuspec.sweeps.choosing.robust import Tolerances, windows
 from gpuspec.sweeps.keeping.folder import RunFolder
-from gpuspec.sweeps.measures import MEASURES, NEEDS, measure
+from gpuspec.sweeps.measures import MEASURES, NEEDS, check_kinds, measure
 from gpuspec.sweeps.plan import Plan
 from gpuspec.sweeps.trying.confirm import Confirmed, confirm_all, held_window
 
@@ -218,7 +218,7 @@ def choose_for(
         If the folder holds no designs yet, or a damaged file.
     StationError
         If no design meets the aim: which comes nearest, and what stands in its way; or a measure
-        does not follow from the station.
+        does not follow from the station, or is of defects of which there are none.
     BackendError
         If the device is absent or fails.
 
@@ -241,6 +241,7 @@ def choose_for(
     for table in run.batches(["exact", "peaks", "kinds"]):
         for name, count in counts_of_kinds(table).items():
             all_of[name] = max(all_of.get(name, 0), count)
+    check_kinds(names, [name for name, count in all_of.items() if count])
     # What the table only bounds is taken for as good as it may be, and then looked at.
     if min_area_mm2 is None:
         min_area_mm2 = run.plan.station.segmentation.min_area_mm2

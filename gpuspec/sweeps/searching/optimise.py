@@ -28,6 +28,7 @@ from gpuspec.sweeps.axes import VARY_BETWEEN, bounds, varied
 from gpuspec.sweeps.choosing.measured import Measured, counts_of_kinds
 from gpuspec.sweeps.keeping.folder import differences
 from gpuspec.sweeps.keeping.writing import taken_lock, writes_to
+from gpuspec.sweeps.measures import check_kinds
 from gpuspec.sweeps.plan import Plan, scored_at
 from gpuspec.sweeps.rule import Rule
 from gpuspec.sweeps.searching.search import Search, Trial, Values, best_of, directions
@@ -254,7 +255,7 @@ def optimise(
     OutputError
         If the folder holds another search or anything else, or cannot be written.
     StationError
-        If no trial is a valid station.
+        If no trial is a valid station, or an aim asks for defects of which there are none.
     BackendError
         If the device is absent or fails.
 
@@ -271,6 +272,8 @@ def optimise(
     rule, folder = rule or Rule(), folder_of(folder)
     engine = open_backend(backend, device)
     makeable = checked_choices(plan, choices or {})
+    if isinstance(rule, Aim):
+        check_kinds(rule.names, _kinds(plan, makeable))
     told = {"choices": {key: list(v) for key, v in makeable.items()}} if makeable else {}
     identity = {**plan.identity(), "rule": str(rule), "seed": seed, **told}
     search = Search(plan.axes, rule, seed, makeable)
@@ -294,6 +297,15 @@ def optimise(
         return found
     (looked,) = confirm_all([found.station()], plan.parts, engine, plan.seeds)
     return replace(found, confirmed=looked)
+
+
+def _kinds(plan: Plan, choices: Mapping[str, Sequence[Any]]) -> set[str]:
+    """Return of which defects there may be any, as ``hits.KIND``."""
+    station = plan.station
+    found = {d.kind for d in (*station.defects, *station.populations)}
+    chosen = {kind for key, values in choices.items() if key.endswith(".kind") for kind in values}
+    pits = {"pit"} if station.part.relief else set()
+    return {f"hits.{kind}" for kind in (*found, *chosen, *pits)}
 
 
 def checked_choices(plan: Plan, choices: Mapping[str, Sequence[Any]]) -> dict[str, tuple[Any, ...]]:
