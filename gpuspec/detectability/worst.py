@@ -39,7 +39,6 @@ def tolerances_of(station: Station) -> dict[str, float]:
             f"{station.file} states no tolerances; say in a table [tolerance] by how much which "
             f"keys may be off."
         )
-    corners(station, halves)  # each has a number to be off from
     return halves
 
 

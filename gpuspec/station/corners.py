@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from contextlib import suppress
 from itertools import product
 
 import numpy as np
@@ -18,15 +19,17 @@ CORNERS_MAX = 16
 INSIDE = 4
 """Designs beside them that are off by less, at random: the worst need not be at a corner."""
 
-_SIGNED = "x_mm", "y_mm", "_deg", "_rad"
+_SIGNED = "x_mm", "y_mm", "z_mm", "_deg", "_rad"
 
 
-def stated(station: Station) -> dict[str, float]:
+def stated(station: Station, varied: Collection[str] = ()) -> dict[str, float]:
     """Return the tolerances of a station's ``[tolerance]``, each checked to be of a number.
 
     Parameters
     ----------
     station : Station
+    varied : collection of str
+        Keys that get their numbers elsewhere.
 
     Returns
     -------
@@ -45,7 +48,29 @@ def stated(station: Station) -> dict[str, float]:
             takes_whole_numbers(station, key)
         except StationError as error:
             raise StationError(f"[tolerance]: {error}") from None
+        if key not in varied:
+            _number(station, key)
     return dict(given)
+
+
+def _number(station: Station, key: str) -> float | int:
+    """Return what a key of a station is off from; of a pose that it does not state 0.
+
+    Raises
+    ------
+    StationError
+        If it has no number.
+    """
+    value = at(station, key)
+    if value is None:
+        with suppress(StationError):  # a section that cannot be left to its defaults
+            value = at(station.replace(**{key.rpartition(".")[0]: {}}), key)
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise StationError(
+            f"[tolerance]: {key} has no number in {station.file}, so it cannot be off; set it, "
+            f"or drop its tolerance."
+        )
+    return value
 
 
 def corners(station: Station, halves: Mapping[str, float]) -> list[dict[str, float | int]]:
@@ -76,12 +101,7 @@ def corners(station: Station, halves: Mapping[str, float]) -> list[dict[str, flo
     keys = list(halves)
     ends = []
     for key in keys:
-        value, half = at(station, key), halves[key]
-        if value is None or isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise StationError(
-                f"[tolerance]: {key} has no number in {station.file}, so it cannot be off; set it, "
-                f"or drop its tolerance."
-            )
+        value, half = _number(station, key), halves[key]
         low = value - half
         if low < 0 <= value and not key.endswith(_SIGNED):
             low = 0  # of a share, a width or a height there is no less
@@ -98,7 +118,7 @@ def corners(station: Station, halves: Mapping[str, float]) -> list[dict[str, flo
     together = every[:, 0] + picks * (every[:, 1] - every[:, 0])
 
     def taken(key: str, value: float) -> float | int:
-        whole = isinstance(at(station, key), int)
+        whole = isinstance(_number(station, key), int)
         return round(value) if whole else float(f"{value:.9g}")
 
     found = [

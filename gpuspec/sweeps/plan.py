@@ -13,6 +13,7 @@ from typing import Any
 
 from gpuspec import words
 from gpuspec.errors import StationError
+from gpuspec.station.corners import stated
 from gpuspec.station.paths import places
 from gpuspec.station.seeds import NOISE, seeds_of, with_seeds
 from gpuspec.station.station import Station
@@ -112,7 +113,8 @@ class Plan:
         Raises
         ------
         StationError
-            Nothing to vary or to detect, a wrong key or range, or too many designs.
+            Nothing to vary or to detect, a wrong key or range, a tolerance of no number, or too
+            many designs.
 
         Examples
         --------
@@ -166,6 +168,7 @@ class Plan:
         for number, one in enumerate(axes):
             if any(places(one.key) == places(other.key) for other in axes[:number]):
                 raise StationError(f"{one.key} is varied twice; vary each key once.")
+        stated(station, [a.key for a in axes])  # what may be off is asked when the sweep is done
         axes.sort(key=lambda a: not a.retraces)
         base = station.replace(sweep=None, dataset=None)
         if base.segmentation.threshold != "auto":

@@ -279,9 +279,34 @@ def test_hits_of_a_kind_of_which_there_is_none_are_nothing_to_choose_by(
 
 @pytest.mark.parametrize("key", ["tunnel.dark", "tunnel.section", "nothing.at_all"])
 def test_a_tolerance_of_no_number_is_refused(base, key):
-    plan = Plan.of(base.replace(tolerance={key: 1.0}), VARY)
+    wrong = base.replace(tolerance={key: 1.0})
     with pytest.raises(StationError, match=r"\[tolerance\]"):
-        Tolerances.of(plan)
+        Tolerances.of(Plan(wrong, Plan.of(base, VARY).axes))
+    with pytest.raises(StationError, match=r"\[tolerance\]"):
+        Plan.of(wrong, VARY)
+
+
+def test_a_tolerance_of_a_key_without_a_number_is_refused_before_the_sweep(base):
+    unset = base.replace(tolerance=None).replace(tolerance={"sequence.step_mm": 0.01})
+    with pytest.raises(StationError, match=r"step_mm has no number in part\.toml"):
+        Plan.of(unset, VARY)
+    plan = Plan.of(unset, {"sequence.step_mm": [0.1, 0.2]})
+    assert Tolerances.of(plan).halves == {"sequence.step_mm": 0.01}
+
+
+def test_a_pose_that_is_not_stated_may_be_off_from_0(base, opencl, tmp_path):
+    off = {"part.pose.tilt_x_deg": 0.1, "camera.pose.shift_z_mm": 2.0}
+    own = base.replace(tolerance=None).replace(tolerance=off)
+    ends = corners(own, off)[:4]
+    assert ends == [{key: end} for key, half in off.items() for end in (-half, half)]
+    run = gpuspec.sweep(own, {"sensor.exposure": [3, 4]}, tmp_path / "run", backend=opencl)
+    choice = choose_for(run, Aim("margin_dn"), backend=opencl)
+    held = choice.peak
+    corner = [held.station.replace(**one) for one in corners(own, off)]
+    seen = confirm_all(corner, 1, opencl)
+    low, high = max(one.flawless_dn for one in seen), min(one.faintest_dn() for one in seen)
+    assert held.room_dn <= min(high - held.threshold_dn, held.threshold_dn - low) + 1e-3
+    assert held.tried == len(corner)
 
 
 @given(st.lists(st.tuples(*3 * [st.integers(0, 2)]), min_size=1, max_size=9))

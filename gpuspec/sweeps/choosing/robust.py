@@ -41,7 +41,7 @@ class Tolerances:
         StationError
             If the table names no key, or none that is a number.
         """
-        given = stated(plan.station)
+        given = stated(plan.station, [a.key for a in plan.axes])
         steps = {a.key: None for a in plan.axes
                  if len(a.values) > 1 and not isinstance(a.values[0], int)}  # fmt: skip
         return cls(given or steps)
