@@ -31,6 +31,7 @@ from gpuspec.part.guard import widened
 from gpuspec.part.relief import Relief
 from gpuspec.part.truth import Truth
 from gpuspec.part.view import pixel_position
+from gpuspec.simulation.cautions.detection import why_beyond
 from gpuspec.station.station import Station
 from gpuspec.sweeps.trying.columns import column
 from gpuspec.sweeps.trying.flawless import Flawless
@@ -65,6 +66,7 @@ TRIALS = tuple(name for name, _, _ in _TRIALS)
 _COLUMNS: tuple[tuple[str, pa.DataType, str], ...] = (
     ("design", pa.int64(), "number of the row: station times parts, plus part"),
     ("reason", pa.string(), "why the station is none; null: it is one"),
+    ("caution", pa.string(), "why its automatic threshold detects nothing; null: it may"),
     ("threshold_dn", pa.float64(), "of the station; auto: that of its first part, held"),
     ("flawless_dn", pa.float64(), "median of its first part"),
     ("noise_dn", pa.float64(), "signal up to which it may be noise"),
@@ -93,11 +95,14 @@ class Held:
         Signal up to which it may be noise.
     on_part : int
         Pixels on the part.
+    caution : str or None
+        Why an automatic threshold is beyond full scale and detects nothing; None: it is not.
     """
 
     inspection: Inspection
     noise_dn: float
     on_part: int
+    caution: str | None
 
     @classmethod
     def of(cls, station: Station, backend: Backend) -> Held:
@@ -113,7 +118,11 @@ class Held:
         on_part, lit = lost != BESIDE, lost == 0
         found = inspect(aspect, on_part, station, lit, ceiling_of(station), untold(station))
         noise = NOISE_SIGMAS * robust_sigma(aspect[lit if lit.any() else on_part])
-        return cls(found, float(noise), int(on_part.sum()))
+        beyond = station.segmentation.threshold == "auto" and (
+            found.threshold >= station.sensor.full_scale_dn
+        )
+        caution = why_beyond(station, aspect, lit, found) if beyond else None
+        return cls(found, float(noise), int(on_part.sum()), caution)
 
 
 class TrialBench:
@@ -201,6 +210,7 @@ class TrialBench:
             there[labels[itself]] = there[0] = True
             drawn, false = rest, float(np.count_nonzero(~there))
         return {
+            "caution": held.caution,
             "threshold_dn": threshold,
             "flawless_dn": held.inspection.flawless_dn,
             "noise_dn": held.noise_dn,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -111,14 +112,13 @@ def told(
     first = table.slice(0, 1).to_pylist()[0]
     hits = fitted_hits("hits", own, np.array(some["hit"].to_pylist(), bool), size.unit, model)
     signals, notes = None, []
-    flawless, full = first["flawless_dn"], first["full_dn"]
-    try:
-        signals = fitted_signals(
-            "signals", own, some["signal_dn"].to_numpy(), size.unit,
-            first["threshold_dn"] - flawless, first["noise_dn"], SATURATED * (full - flawless),
-        )  # fmt: skip
-    except TrialsError as error:
-        notes.append(f"signals: {error}")
+    if first["caution"]:  # of that no trial tells anything
+        hits = replace(hits, verdict=replace(hits.verdict, said=(first["caution"],)))
+    else:
+        try:
+            signals = _signals(own, some, size, first)
+        except TrialsError as error:
+            notes.append(f"signals: {error}")
     near, false, drawn, rest = (
         table[name].to_numpy() for name in ("near_false", "drawn_false", "drawn", "rest_px")
     )
@@ -127,6 +127,15 @@ def told(
     return Pod(
         size.name, size.unit, hits, signals, measured, calls, some, len(table),
         first["threshold_dn"], station, info, notes=tuple(notes),
+    )  # fmt: skip
+
+
+def _signals(own: Any, trials: pa.Table, size: Size, first: dict[str, Any]) -> Fitted:
+    """Fit the signals of some trials over their sizes, by what is held of the first part."""
+    flawless, full = first["flawless_dn"], first["full_dn"]
+    return fitted_signals(
+        "signals", own, trials["signal_dn"].to_numpy(), size.unit,
+        first["threshold_dn"] - flawless, first["noise_dn"], SATURATED * (full - flawless),
     )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from gpuspec.detectability.sizes import SIZES, chosen
 from gpuspec.detectability.telling import tried
 from gpuspec.detection.inspection import inspect
 from gpuspec.detection.score import score
-from gpuspec.errors import StationError
+from gpuspec.errors import StationError, TrialsError
 from gpuspec.part.relief import Relief
 from gpuspec.part.truth import Truth
 from gpuspec.station.station import Station
@@ -38,6 +38,28 @@ def whole(station, engine, part, threshold):
     aspect, on_part = light_map.counted(), light_map.lost() != BESIDE
     found = inspect(aspect, on_part, own)
     return score(found.labels, truth.labels, on_part, len(truth.defects)), aspect, truth
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"sequence__fusion": "max"},
+        {"sensor": {"noise": True, "saturation_e": 3.0, "exposure": 8.0}, "sequence__images": 4},
+    ],
+    ids=str,
+)
+def test_an_automatic_threshold_beyond_full_scale_is_told_as_simulate_does(
+    station, engine, changes
+):
+    """First, and in place of what its misses and its signals would tell."""
+    blind = station.replace(**changes)
+    (why,) = [said for said in gpuspec.simulate(blind, engine).warnings if "beyond full" in said]
+    found = gpuspec.pod(blind, parts=2, backend=engine)
+    assert found.cautions() == (f"hits: {why}",)
+    assert found.threshold_dn > 255
+    assert found.signals is None
+    with pytest.raises(TrialsError, match="is beyond full scale and detects nothing"):
+        gpuspec.pod(blind, parts=2, vary={"sensor.exposure": [8.0]}, backend=engine)
 
 
 @pytest.mark.parametrize("noise", [False, True])

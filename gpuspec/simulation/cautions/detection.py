@@ -78,7 +78,7 @@ def of_detection(
 
     held = levelled(aspect, valid, station, lit)
     if automatic and threshold >= full:
-        return [_why_beyond(station, held, lit, inspected)]
+        return [why_beyond(station, held, lit, inspected)]
     if found or not scored.defects:
         return []
     nothing = "nothing is detected, so that P1 is 1 by definition and says nothing"
@@ -154,8 +154,19 @@ def _why_above(ceiling: Ceiling, flawless_dn: float, images: int, full: int) -> 
     )
 
 
-def _why_beyond(station: Station, held: Image, lit: Mask, inspected: Inspection) -> str:
-    """Say why the automatic threshold is beyond full scale: which of its terms put it there."""
+def why_beyond(station: Station, held: Image, lit: Mask, inspected: Inspection) -> str:
+    """Say why the automatic threshold is beyond full scale: which of its terms put it there.
+
+    Parameters
+    ----------
+    station : Station
+    held : ndarray of float32, shape (M, N)
+        Levels that a threshold is held against, DN.
+    lit : ndarray of bool, shape (M, N)
+        Pixels that see the light.
+    inspected : Inspection
+        With that threshold.
+    """
     full, images, threshold = (
         station.sensor.full_scale_dn, station.sequence.images, inspected.threshold
     )  # fmt: skip
