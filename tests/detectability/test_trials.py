@@ -41,6 +41,26 @@ def whole(station, engine, part, threshold):
 
 
 @pytest.mark.parametrize(
+    ("changes", "threshold"),
+    [
+        ({"sequence__images": 6}, 84.9),
+        ({"sequence__images": 6, "segmentation__min_area_mm2": 0.3}, 84.9),
+        ({"part__orange_peel": {"wavelength_mm": 4.0, "slope_rad": 0.004}}, 70.4),
+        ({"part__waviness": {"wavelength_mm": 6.0, "amplitude_um": 1.0}}, 70.13),
+    ],
+    ids=str,
+)
+def test_a_false_blob_that_reaches_beyond_what_is_near_is_counted_once(
+    station, engine, changes, threshold
+):
+    """As of the whole image: near defects and away from them there are as many as there are."""
+    uneven = station.replace(**{**changes, "segmentation__threshold": threshold})
+    (row,) = rows(uneven, engine, 1).to_pylist()
+    there = gpuspec.simulate(uneven, engine).score.false_blobs
+    assert row["near_false"] + row["drawn_false"] == there > 0
+
+
+@pytest.mark.parametrize(
     "changes",
     [
         {"sequence__fusion": "max"},
