@@ -498,29 +498,36 @@ class _Looker:
     def _look(self, points: Sequence[tuple[int, int]]) -> dict[int, Confirmed]:
         """Look at designs at their levels or, through a size filter, at the level that is best."""
         if self.min_area_mm2:
-            return {design: self._filtered(design) for design, _ in points}
+            return self._filtered([design for design, _ in points])
         found = self.at((design, _threshold(self.plan, design, level)) for design, level in points)
         return {design: one for (design, _), one in zip(points, found, strict=True)}
 
-    def _filtered(self, design: int) -> Confirmed:
-        """Look at a design at levels that come closer and closer to the best.
+    def _filtered(self, designs: Sequence[int]) -> dict[int, Confirmed]:
+        """Look at designs at levels that come closer and closer to the best of each.
 
-        What a size filter leaves no table tells: a blob shrinks as the threshold rises.
+        What a size filter leaves no table tells: a blob shrinks as the threshold rises. Of designs
+        that share a light map that is traced once for a step of all.
         """
-        looked: dict[int, Confirmed] = {}
-        room: dict[int, float] = {}
-        wanted = [*range(0, LEVELS - 1, _FIRST_STEP), LEVELS - 2]
+        looked: dict[int, dict[int, Confirmed]] = {design: {} for design in designs}
+        best: dict[int, Confirmed] = {}
+        first = [*range(0, LEVELS - 1, _FIRST_STEP), LEVELS - 2]
+        wanted = [(design, level) for design in designs for level in first]
         while wanted:
-            found = self.at((design, _threshold(self.plan, design, level)) for level in wanted)
-            looked |= zip(wanted, found, strict=True)
-            low, high = self._window(looked)
-            room = {level: float(min(level - low, high - level)) for level in looked}
-            best = self._best_of(looked, room)
-            levels = sorted(looked)
-            between = {(one + next_) // 2 for one, next_ in pairwise(levels)
-                       if best in (one, next_) or low == one or high == next_}  # fmt: skip
-            wanted = sorted({*between, (low + high) // 2} - {*looked})
-        return looked[best]
+            found = self.at((design, _threshold(self.plan, design, at)) for design, at in wanted)
+            for (design, level), one in zip(wanted, found, strict=True):
+                looked[design][level] = one
+            steps = {design: self._step(looked[design]) for design, _ in wanted}
+            best |= {design: looked[design][level] for design, (level, _) in steps.items()}
+            wanted = [(design, level) for design, (_, more) in steps.items() for level in more]
+        return best
+
+    def _step(self, looked: Mapping[int, Confirmed]) -> tuple[int, list[int]]:
+        """Return the best level of those a design was looked at, and at which to look next."""
+        low, high = self._window(looked)
+        best = self._best_of(looked, {level: min(level - low, high - level) for level in looked})
+        between = {(one + next_) // 2 for one, next_ in pairwise(sorted(looked))
+                   if best in (one, next_) or low == one or high == next_}  # fmt: skip
+        return best, sorted({*between, (low + high) // 2} - {*looked})
 
     def _window(self, looked: Mapping[int, Confirmed]) -> tuple[int, int]:
         """Return the last level with a false blob, and the first at which too little is hit."""
