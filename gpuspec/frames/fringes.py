@@ -171,10 +171,7 @@ def fringes(frames: Iterable[NDArray[Any]], count: int, periods: int, region: Ma
         if fine:  # with the plane off, a Gaussian shifts no phase, not at the edges either
             flat = ndimage.gaussian_filter(flat, ripple)
         mean, weight = _blocks(flat, region, block)
-        seen = weight > 0.5
-        inner = ndimage.binary_erosion(seen)
-        if np.count_nonzero(inner) >= BLOCKS_MIN:  # at an edge no ripple is averaged whole
-            seen = inner
+        seen = _inner(weight > 0.5, int(abs(carrier[1]) > abs(carrier[0])))
         if np.count_nonzero(seen) < BLOCKS_MIN:
             raise FrameError(
                 f"the region is too small to tell the light's phase; it holds {region.sum():,} px "
@@ -227,6 +224,22 @@ def _blocks(
     return mean, counts / block**2
 
 
+def _inner(seen: Mask, axis: int) -> Mask:
+    """Return the blocks that are at no edge: there no ripple is averaged whole.
+
+    Of a narrow region it is those at no edge along the light's axis: a single row of blocks would
+    not tell the direction.
+    """
+    along = np.zeros((3, 3), np.bool_)
+    along[(1, slice(None)) if axis else (slice(None), 1)] = True
+    for neighbours in (None, along):
+        inner: Mask = ndimage.binary_erosion(seen, neighbours)
+        lines = [np.count_nonzero(inner.any(axis=k)) for k in (0, 1)]
+        if np.count_nonzero(inner) >= BLOCKS_MIN and min(lines) > 1:
+            return inner
+    return seen
+
+
 def _unwrapped(angle: Array, seen: Mask) -> Array:
     masked = np.ma.masked_array(angle, ~seen)
     found: Array = np.ma.filled(unwrap_phase(masked), 0.0)  # type: ignore[no-untyped-call]
@@ -239,7 +252,8 @@ def _plane(at: Array, turns: Array) -> tuple[Array, float, Array]:
     The part's shape is smooth, so that neighbours are off together: the uncertainty is that of as
     many numbers as there are blocks of correlated ones, by the correlation of neighbours.
     """
-    design = np.column_stack([np.ones(turns.size), *at])
+    # About the middle: of blocks in one row the slope across it is then 0, not any.
+    design = np.column_stack([np.ones(turns.size), *(at - at.mean(axis=1, keepdims=True))])
     solution, *_ = np.linalg.lstsq(design, turns, rcond=None)
     rest = turns - design @ solution
     rms = float(np.sqrt(np.mean(rest**2)))
