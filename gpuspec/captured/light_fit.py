@@ -29,12 +29,15 @@ TABLE = 32
 _ORDERS = 8  # harmonics of a table
 _SAMPLES = 24_000  # that are fitted
 _FIRST = 3_000  # on which starts are compared
+_FOLDED = 256  # places on the light, on whose mean levels many starts are tried
+_GOLDEN = (5**0.5 - 1) / 2
+_TRIED = 12  # starts on these, the best of a grid
 _SATURATED = 1e-3  # share of samples at full scale, above which a table is not told
-_BETTER = 0.97  # of another's misfit, below which a table is taken instead
-_WORSE = 2.0  # times another's misfit on a few samples, above which a light is given up
-_KEPT = 3  # of the starts, that are gone on with on all samples
+_BETTER = 0.97  # of a simpler light's misfit, below which another is taken instead
+_WORSE = 2.0  # times another's misfit, above which a start is given up
+_SAME = 1e-4  # relatively, to which two misfits are those of one light
+_KEPT = 3  # of the starts, that are gone on with on more samples
 _F_SCALE = 4.0  # standard deviations, beyond which a sample counts less
-_HELD = 1e-6  # periods, between which a pupil that is given is held
 _FLAT = 1e-12  # of a normalised square, below which a direction is as good as not told
 _TURNS = 6  # of Newton's method for a table and its gain
 
@@ -68,10 +71,25 @@ class Samples:
         ----------
         samples : int
         """
-        step = max(1, -(-self.levels.size // samples))
+        pixels, images = self.levels.shape
+        wanted = max(1, samples // images)
+        if wanted >= pixels:
+            return self
+        # By the golden section: equal steps would meet the same few columns in every row.
+        chosen = np.unique((np.arange(wanted) * _GOLDEN % 1 * pixels).astype(np.intp))
         return Samples(
-            self.levels[::step], self.turn[::step], self.place[::step], self.across, self.down
+            self.levels[chosen], self.turn[chosen], self.place[chosen], self.across, self.down
         )
+
+    def folded(self) -> Samples:
+        """Return the mean level at each of some places on the light, as of one image."""
+        bins = np.floor(self.turn % 1 * _FOLDED).astype(np.intp).ravel() % _FOLDED
+        number = np.bincount(bins, minlength=_FOLDED)
+        met = number > 0
+        levels = np.bincount(bins, self.levels.ravel(), _FOLDED)[met] / number[met]
+        turn = (np.flatnonzero(met) + 0.5) / _FOLDED
+        place = np.zeros((len(turn), 2))
+        return Samples(levels[:, None], turn[:, None], place, self.across, self.down)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +123,7 @@ class LightFit:
     vector: Array
     _across: float
     _down: float
-    _pupil: float
+    _pupil: float | None
 
     def gain(self, place: Array) -> Array:
         """Return the relative gain at places of the image.
@@ -177,7 +195,7 @@ class _Model:
     kind: Kind
     across: float
     down: float
-    pupil: float
+    pupil: float | None
     held: bool = False
     """Whether the pupil is that which is given, for stripes too."""
 
@@ -193,11 +211,15 @@ class _Model:
     @property
     def bounds(self) -> tuple[list[float], list[float]]:
         if self.kind == "stripes":
-            least, most = (self.pupil - _HELD, self.pupil + _HELD) if self.held else (0.0, 3.0)
-            return [1e-3, 0.01, 0, least, -2], [1e3, 0.99, 0.95, most, 2]
+            return [1e-3, 0.01, 0, 0, -2], [1e3, 0.99, 0.95, 3, 2]
         if self.kind == "sinusoid":
             return [1e-3, 0.2, 0, -2], [1e3, 10, 0.95, 2]
         return [-np.inf] * len(self.names), [np.inf] * len(self.names)
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """Which of the parameters are looked for."""
+        return np.array([not (self.held and name == "pupil") for name in self.names])
 
     def boxes(self, pupil: float) -> tuple[Array, Array]:
         at = np.ones(1)
@@ -216,7 +238,7 @@ class _Model:
             tunnel = _Tunnel("stripes", 1.0, duty)
         else:
             exposure, gamma, leak, phase = vector[:4]
-            pupil = self.pupil
+            pupil = self.pupil or 0.0
             tunnel = _Tunnel("sinusoid", float(gamma), 0.5)
         station: Any = _Lit(tunnel)  # a Station takes too long to make, ten thousand times
         wide, narrow = self.boxes(float(pupil))
@@ -231,26 +253,39 @@ class _Model:
         return seen
 
     def starts(self, samples: Samples, sensor: Sensor) -> list[Array]:
-        """Return parameters to begin from, without those of the gain."""
+        """Return parameters to begin from, without those of the gain: the best of a grid.
+
+        Parameters
+        ----------
+        samples : Samples
+            Few: what each of the grid leaves of them is worked out.
+        sensor : Sensor
+        """
         black, full = sensor.black_level_dn, sensor.full_scale_dn
         level = (samples.levels - black) / (full - black)
         low, high = (max(float(one), 1e-3) for one in np.quantile(level, (0.02, 0.98)))
         wave = np.mean(level * np.exp(2j * np.pi * samples.turn))
         centre = float(np.angle(wave)) / (2 * np.pi)
-        saturated = high > 0.97
-        exposures = (1.3, 2.5, 5.0, 10.0) if saturated else (high, 1.5 * high)
+        exposures = np.geomspace(1.05, 30, 10) if high > 0.97 else high * np.geomspace(1, 4, 5)
         if self.kind == "sinusoid":
-            return [np.array([e, gamma, min(low / e, 0.9), centre]) for e in exposures
-                    for gamma in (0.7, 1.5, 3.0)]  # fmt: skip
-        found = []
-        for exposure in exposures:
-            share = float(np.mean(level > (low + high) / 2))
-            for pupil in (self.pupil,) if self.held else (0.02, 0.08, 0.2):
-                wide = float(self.boxes(pupil)[0][0])
-                duty = float(np.clip(share - wide * (1 - 1 / max(exposure, 1)), 0.05, 0.95))
-                start = [exposure, duty, min(low / exposure, 0.9), pupil, centre + duty / 2]
-                found.append(np.array(start))
-        return found
+            grid = [
+                np.array([e, gamma, min(low / e, 0.9), centre])
+                for e in exposures for gamma in np.geomspace(0.4, 8, 8)
+            ]  # fmt: skip
+        else:
+            grid = [
+                np.array([e, duty, min(low / e, 0.9), pupil, centre - duty / 2])
+                for e in exposures for pupil in self.pupils for duty in np.linspace(0.05, 0.95, 19)
+            ]  # fmt: skip
+        left = [np.abs(_shown(self.light(one, samples.turn), sensor) - samples.levels).mean()
+                for one in grid]  # fmt: skip
+        return [grid[n] for n in np.argsort(left)[:_TRIED]]
+
+    @property
+    def pupils(self) -> tuple[float, ...]:
+        """Radii of the pupil's image to begin from, of stripes."""
+        given = () if self.pupil is None else (self.pupil,)
+        return given if self.held else (*given, 0.02, 0.08, 0.2, 0.4)
 
     def fit(
         self, samples: Samples, start: Array, sensor: Sensor, noise: Callable[[Array], Array],
@@ -260,6 +295,12 @@ class _Model:
         basis = _basis(samples.place)
         size = len(self.names)
         levels = samples.levels.astype(np.float64)
+        free = np.append(self.free, np.full(5, bool(basis.any())))
+
+        def whole(vector: Array) -> Array:
+            found = start.copy()
+            found[free] = vector
+            return found
 
         def shown(vector: Array) -> Array:
             gain = (1 + basis @ vector[size:])[:, None]
@@ -268,41 +309,40 @@ class _Model:
         spread = noise(shown(start))
 
         def misfit(vector: Array) -> Array:
-            rest: Array = ((shown(vector) - levels) / spread).ravel()
+            rest: Array = ((shown(whole(vector)) - levels) / spread).ravel()
             return rest
 
-        low, high = self.bounds
-        low, high = [*low, *[-1.0] * 5], [*high, *[1.0] * 5]
-        start = np.clip(start, np.array(low) + 1e-9, np.array(high) - 1e-9)
+        least, most = self.bounds
+        low, high = np.array([*least, *[-1.0] * 5]), np.array([*most, *[1.0] * 5])
+        start = np.where(free, np.clip(start, low + 1e-9, high - 1e-9), start)
         found = least_squares(
-            misfit, start, bounds=(low, high), x_scale="jac", max_nfev=calls, loss="soft_l1",
-            f_scale=_F_SCALE,
+            misfit, start[free], bounds=(low[free], high[free]), x_scale="jac", max_nfev=calls,
+            loss="soft_l1", f_scale=_F_SCALE,
         )  # fmt: skip
         rest = misfit(found.x)
         dof = max(rest.size - len(found.x), 1)
         scale = max(float(np.sum(rest**2)) / dof, 1.0)
-        free = np.subtract(high, low) > 3 * _HELD
-        return found.x, _covariance(found.jac, free) * scale, float(found.cost)
+        return whole(found.x), _covariance(found.jac, free) * scale, float(found.cost)
 
 
-def _covariance(jacobian: Array, free: Any = True) -> Array:
+def _covariance(jacobian: Array, free: NDArray[np.bool_] | None = None) -> Array:
     """Return the covariance of parameters, 0 of those that are not free.
 
     What the samples hardly tell has a large one: a plain pseudo-inverse gives it none.
     """
-    free = np.broadcast_to(free, jacobian.shape[1:])
-    own = jacobian[:, free]
-    size = np.linalg.norm(own, axis=0)
+    if free is None:
+        free = np.full(jacobian.shape[1], True)
+    size = np.linalg.norm(jacobian, axis=0)
     size[size == 0] = 1
-    told, axes = np.linalg.eigh((own / size).T @ (own / size))
+    told, axes = np.linalg.eigh((jacobian / size).T @ (jacobian / size))
     found = np.zeros((len(free), len(free)))
     found[np.ix_(free, free)] = (axes / np.maximum(told, _FLAT)) @ axes.T / np.outer(size, size)
     return found
 
 
 def fit_light(
-    samples: Samples, sensor: Sensor, noise: Callable[[Array], Array], *, pupil: float = 0.0,
-    kind: Kind | None = None, before: LightFit | None = None,
+    samples: Samples, sensor: Sensor, noise: Callable[[Array], Array], *,
+    pupil: float | None = None, kind: Kind | None = None, before: LightFit | None = None,
 ) -> LightFit:  # fmt: skip
     """Return the light that comes nearest to samples.
 
@@ -313,10 +353,10 @@ def fit_light(
         Its black level, depth and noise are used.
     noise : callable
         Standard deviation of a sample as a function of its mean, DN.
-    pupil : float
+    pupil : float, optional
         Radius of the pupil's image on the light, in periods, for lights that do not tell it, and
-        for stripes that saturate the sensor: exposure, width and pupil are then not told apart. 0:
-        it is not known.
+        for stripes that saturate the sensor: exposure, width and pupil are then not told apart.
+        None: it is not known; 0: a pinhole.
     kind : str, optional
         Which light; None: that which comes nearest.
     before : LightFit, optional
@@ -338,8 +378,7 @@ def fit_light(
             f"{saturated:.1%} of the grey levels are saturated, so the light's profile beyond them "
             f"is not told; take frames at a shorter exposure, or fit stripes or a sinusoid."
         )
-    found: list[tuple[Kind, Array, Array, float]] = []
-    held = pupil > 0 and saturated > _SATURATED
+    held = pupil is not None and saturated > _SATURATED
 
     def model_of(light: Kind) -> _Model:
         return _Model(light, samples.across, samples.down, pupil, held)
@@ -348,29 +387,42 @@ def fit_light(
         start = np.concatenate([before.vector, before.falloff])
         again = model_of(before.kind).fit(many, start, sensor, noise, 40)
         return _told(before.kind, *again[:2], many, sensor, pupil)
-    first: dict[Kind, list[tuple[Array, Array, float]]] = {}
-    curved: tuple[Kind, ...] = ("stripes", "sinusoid") if kind is None else (kind,)
-    for one in curved:
-        if one != "table":
-            model = model_of(one)
-            tried = [
-                model.fit(few, np.concatenate([start, np.zeros(5)]), sensor, noise, 30)
-                for start in model.starts(few, sensor)
-            ]
-            first[one] = sorted(tried, key=lambda one: one[2])[:_KEPT]
-    for one, starts in first.items():
-        if starts[0][2] <= _WORSE * min(others[0][2] for others in first.values()):
-            model = model_of(one)
-            for start, _, cost in starts:
-                if cost <= _WORSE * starts[0][2]:
-                    found.append((one, *model.fit(many, start, sensor, noise, 40)))
-    chosen = min(found, key=lambda one: one[3]) if found else None
+    found: list[tuple[Kind, Array, Array, float]] = []
+    laws: tuple[Kind, ...] = ("stripes", "sinusoid") if kind is None else (kind,)
+    for law in laws:
+        if law != "table":
+            found.append((law, *_best(model_of(law), few, many, sensor, noise)))
     if kind == "table" or (kind is None and saturated <= _SATURATED):
-        table = _fit_table(many, sensor, noise)
-        if chosen is None or table[3] < _BETTER * chosen[3]:
-            chosen = table
-    assert chosen is not None
+        found.append(_fit_table(many, sensor, noise))
+    least = min(one[3] for one in found)
+    chosen = next(one for one in found if _BETTER * one[3] <= least)
     return _told(*chosen[:3], many, sensor, pupil)
+
+
+def _best(
+    model: _Model, few: Samples, many: Samples, sensor: Sensor, noise: Callable[[Array], Array]
+) -> tuple[Array, Array, float]:
+    """Return what comes nearest from many starts: on the folded levels, on a few, on all."""
+    folded = many.folded()
+    tried = [np.append(start, np.zeros(5)) for start in model.starts(folded, sensor)]
+    last: tuple[Array, Array, float] | None = None
+    for samples, calls, kept in ((folded, 100, _KEPT), (few, 40, _KEPT), (many, 40, 1)):
+        fits = [model.fit(samples, start, sensor, noise, calls) for start in tried]
+        fits.sort(key=lambda one: one[2])
+        last = fits[0]
+        near = [one for one in fits if one[2] <= _WORSE * last[2]]
+        tried = [one[0] for one in _unlike(near)[:kept]]
+    assert last is not None
+    return last
+
+
+def _unlike(fits: list[tuple[Array, Array, float]]) -> list[tuple[Array, Array, float]]:
+    """Leave out what came to the same cost as one before."""
+    kept: list[tuple[Array, Array, float]] = []
+    for one in fits:
+        if not kept or one[2] > kept[-1][2] * (1 + _SAME):
+            kept.append(one)
+    return kept
 
 
 def _fit_table(
@@ -403,7 +455,8 @@ def _fit_table(
 
 
 def _told(
-    kind: Kind, vector: Array, covariance: Array, samples: Samples, sensor: Sensor, pupil: float
+    kind: Kind, vector: Array, covariance: Array, samples: Samples, sensor: Sensor,
+    pupil: float | None,
 ) -> LightFit:  # fmt: skip
     model = _Model(kind, samples.across, samples.down, pupil)
     size = len(model.names)

@@ -54,8 +54,8 @@ class Scale:
         mm on the light to a mm on the part, of a flat one: 1 + H / h.
     reach : float
         H / h.
-    pupil_periods : float
-        Radius of the pupil's image on the light, as far as the station tells.
+    pupil_periods : float or None
+        Radius of the pupil's image on the light; None: the station does not tell.
     shape : tuple of int
         Of the frames.
     turned : int
@@ -71,7 +71,7 @@ class Scale:
     period_px: float
     magnification: float
     reach: float
-    pupil_periods: float
+    pupil_periods: float | None
     shape: tuple[int, int]
     turned: int
     from_period: bool
@@ -113,7 +113,7 @@ class Scale:
         pupil = "pupil_mm" in camera.model_fields_set or "pupil_mm" in camera.following
         quarter = round(waves.direction_deg / 90) % 4
         return cls(
-            sampling, period, period_px, 1 + reach, reach, radius if pupil else 0.0, shape,
+            sampling, period, period_px, 1 + reach, reach, radius if pupil else None, shape,
             quarter, said and not sampled, said or sampled,
         )  # fmt: skip
 
@@ -224,7 +224,7 @@ def _light(light: LightFit, scale: Scale) -> tuple[dict[str, object], float, flo
         return keys, numbers["exposure"].value, float(f"{pupil:.6g}")
     half = float(f"{period / 2:.8g}")
     keys = {"luminous_mm": half, "dark_mm": half}
-    pupil = 2 * scale.pupil_periods * period / max(scale.reach, 1e-9)
+    pupil = 2 * (scale.pupil_periods or 0.0) * period / max(scale.reach, 1e-9)
     if light.kind == "sinusoid":
         keys |= {
             "profile": "sinusoid",
@@ -233,7 +233,8 @@ def _light(light: LightFit, scale: Scale) -> tuple[dict[str, object], float, flo
         }
         return keys, numbers["exposure"].value, pupil
     one = np.ones(1)
-    wide, narrow = two_boxes(one / scale.period_px, 0 * one, scale.pupil_periods * one, 0 * one)
+    radius = (scale.pupil_periods or 0.0) * one
+    wide, narrow = two_boxes(one / scale.period_px, 0 * one, radius, 0 * one)
     weaker = seen_through(light.harmonics, float(wide[0]), float(narrow[0]))
     exposure, profile = table_of(light.harmonics / np.where(np.abs(weaker) > 0.2, weaker, 1))
     return keys | {"profile": list(profile), "dark_leak": 0.0}, exposure, pupil
@@ -417,17 +418,18 @@ def unknown(
             "The black level: what is dark in every image may be black level or leak; it is taken "
             "as light, and read noise is told for a black level of 0. Give --dark frames."
         )
-    if light.kind != "stripes" and scale.pupil_periods == 0:
+    if light.kind != "stripes" and scale.pupil_periods is None:
         said.append(
             "The pupil: a smooth profile looks the same through a wider one. It is taken as a "
             "pinhole's, and what it does to the light is in the profile; give camera.pupil_mm."
         )
-    if light.kind == "stripes" and light.numbers["exposure"].value > 1 and not scale.pupil_periods:
+    exposed = light.numbers["exposure"].value if light.kind != "table" else 0.0
+    if light.kind == "stripes" and exposed > 1 and scale.pupil_periods is None:
         said.append(
             "Exposure, stripes' width and pupil apart: the images saturate, and of an edge of the "
             "light only its foot is seen. Give camera.pupil_mm, or frames at a shorter exposure."
         )
-    if light.kind == "sinusoid" and light.numbers["exposure"].value > 1:
+    if light.kind == "sinusoid" and exposed > 1:
         said.append(
             "The light's profile where it saturates: it is that of a sinusoid through a gamma that "
             "fits below."
