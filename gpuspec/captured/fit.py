@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 _LOOKED_AT = 600_000  # grey levels of the sequence
 _ROUNDS = 3  # of light and noise: each tells the other's weight
+_TOLD = 0.02  # relative uncertainty of a gain, below which no other way to it is tried
 _CHECKED_PX = 700  # side of the twin's image that is held against the real one
 
 
@@ -357,7 +358,8 @@ def _light_and_noise(
         ) / (2 * small)
         black, full = sensor.black_level_dn, float(sensor.full_scale_dn)
         levels = samples.levels.astype(np.float64)
-        transfer = photon_transfer(levels, expected, slope, black, full, own=kind != "stripes")
+        signal = light.signal(samples.turn, gain) * (full - black)
+        transfer = _transfer(levels, expected, signal, slope, sensor, kind)
         gain_dn = max(transfer.gain_dn_per_e.value, (full - black) / 1e7)
         sensor = sensor.model_copy(
             update={
@@ -374,6 +376,31 @@ def _light_and_noise(
 
     assert light is not None
     return light, transfer, sensor
+
+
+def _transfer(
+    levels: NDArray[np.float64], expected: NDArray[np.float64], signal: NDArray[np.float64],
+    slope: NDArray[np.float64], sensor: Sensor, kind: Kind,
+) -> Transfer:  # fmt: skip
+    """Return the photon transfer; under stripes without the pixels' own where these leave little.
+
+    Stripes may leave a pixel few levels between dark and saturated.
+    """
+    try:
+        found = photon_transfer(levels, expected, signal, slope, sensor)
+        if kind != "stripes" or _told(found) < _TOLD:
+            return found
+    except FrameError:
+        if kind != "stripes":
+            raise
+        return photon_transfer(levels, expected, signal, slope, sensor, own=False)
+    other = photon_transfer(levels, expected, signal, slope, sensor, own=False)
+    return min(found, other, key=_told)
+
+
+def _told(transfer: Transfer) -> float:
+    gain = transfer.gain_dn_per_e
+    return gain.uncertainty / gain.value
 
 
 def _left(

@@ -1,9 +1,10 @@
 """Photon transfer: how the variance of grey levels grows with the level, and what that tells.
 
 J. R. Janesick, Photon transfer, SPIE (2007); EMVA 1288, release 4, 6.6. A sample's variance is
-K mu + (K sigma_d)^2 + 1/12 with K the gain in DN per electron and mu its level over black. What a
-camera's place or the part's trembling adds goes with the square of the slope of the light, and what
-uneven gains add with that of the level.
+K mu + (K sigma_d)^2 + 1/12 with K the gain in DN per electron and mu its level over black; near
+black, where noise is cut, and where it is less than a grey level, rounding and clipping make it
+another, which is worked out. What a camera's place or the part's trembling adds goes with the
+square of the slope of the light, and what uneven gains add with that of the level.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from numpy.typing import NDArray
 
 from gpuspec.errors import FrameError
 from gpuspec.frames.fringes import Measured
+from gpuspec.light.float64_noise import grey_moments
+from gpuspec.station.sections import Sensor
 
 Array = NDArray[np.float64]
 QUANTISED = 1 / 12
@@ -27,6 +30,10 @@ _MAY_BE_NOTHING = np.array([False, False, True, True])
 _LEVERAGE = 0.7
 _STRANGE = 4.5  # standard deviations
 _CLEAR = 4.0  # standard deviations from black and from full scale, nearer than which noise is cut
+_ROUNDS = 6  # of variance and the weights that it gives
+_LESS = 4.0  # times, at most, that the dark's variance becomes less in a round
+_EVEN = 0.5  # DN^2, from which rounding adds 1/12 whatever the level
+_KNOTS_MAX, _KNOTS_A_DN = 4096, 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,9 +77,9 @@ class Transfer:
 def photon_transfer(
     levels: NDArray[Any],
     expected: Array,
+    signal: Array,
     slope: Array,
-    black_dn: float,
-    full_scale_dn: float,
+    sensor: Sensor,
     *,
     own: bool = True,
 ) -> Transfer:
@@ -84,9 +91,12 @@ def photon_transfer(
         Grey levels of n pixels in K images.
     expected : ndarray, shape (n, K)
         What a flawless pixel there would show, DN.
+    signal : ndarray, shape (n, K)
+        Its signal: what is over black, neither clipped nor rounded, DN.
     slope : ndarray, shape (n, K)
-        By how much that changes over a period of the light, DN.
-    black_dn, full_scale_dn : float
+        By how much the level changes over a period of the light, DN.
+    sensor : Sensor
+        Its black level and depth are used.
     own : bool
         Whether each pixel's own offset, gain and place on the light are taken off first: a part is
         never quite even. Without it, as under stripes that leave a pixel few levels between dark
@@ -99,52 +109,58 @@ def photon_transfer(
     Raises
     ------
     FrameError
-        If too few samples are clear of black and of saturation.
+        If too few samples are clear of black and of saturation, or their noise does not grow.
 
     Examples
     --------
     >>> from gpuspec.frames.photon_transfer import photon_transfer
     >>> rng, mean = np.random.default_rng(5), np.linspace(20, 220, 20) + np.zeros((5000, 1))
     >>> levels = np.rint(rng.normal(mean, np.sqrt(0.03 * mean + 1.0)))
-    >>> found = photon_transfer(levels, mean, np.zeros_like(mean), 0.0, 255.0)
+    >>> found = photon_transfer(levels, mean, mean, np.zeros_like(mean), gpuspec.Station().sensor)
     >>> bool(abs(found.gain_dn_per_e.value - 0.03) < 3 * found.gain_dn_per_e.uncertainty)
     True
     """
-    signal = expected - black_dn
+    full = float(sensor.full_scale_dn)
     guess = float(np.median((levels - expected) ** 2) * 2.2) or 0.25
     solution = np.array([max(guess, 0.25), 0.0, 0.0, 0.0])
-    for _ in range(4):
-        variance = _variance(solution, signal, slope)
+    for _ in range(_ROUNDS):
+        shown, rises = _shown(solution, signal, sensor)
+        variance = np.maximum(shown + solution[2] * slope**2 + solution[3] * signal**2, _LEAST)
         noise = np.sqrt(variance)
-        clear = (signal > _CLEAR * noise) & (expected < full_scale_dn - _CLEAR * noise)
+        clear = expected < full - _CLEAR * noise
         if own:
             rest, leverage = _own(levels - expected, signal, slope, clear / variance)
             clear &= leverage < _LEVERAGE
         else:
             rest, leverage = levels - expected, np.zeros_like(signal)
         clear &= rest**2 < _STRANGE**2 * variance + 1  # dust, and what is no even part's
-        if np.count_nonzero(clear) < 50 * _BINS:
-            raise FrameError(
-                "too few grey levels are clear of black and of saturation to tell the noise; take "
-                "the frames at a shorter exposure, or of a larger region."
-            )
+        cut = signal < _CLEAR * noise
+        _check(clear, cut, expected >= full - _CLEAR * noise)
         at, steep, weight = signal[clear], slope[clear] ** 2, 1 / variance[clear]
+        # Levels of which few are not black vary more than normal numbers.
+        weight = weight / np.sqrt(1 + np.where(cut[clear], weight, 0) / 2)
         square = rest[clear] ** 2 / (1 - leverage[clear])
-        design = np.column_stack([np.ones_like(at), at, steep, at**2])
+        rises = [rise[clear] for rise in rises]
+        design = np.column_stack([*rises, steep, at**2])
+        beyond = shown[clear] - solution[0] * rises[0] - solution[1] * rises[1]
         scale = np.maximum(design.max(axis=0), 1e-12)
         some = np.array([True, True, steep.max() > 1e-6, not own])
+        before = solution[0]
         while True:  # without what comes out below 0
             scaled = (design / scale)[:, some] * weight[:, None]
             inverse = np.linalg.inv(scaled.T @ scaled)
             solution = np.zeros(4)
-            solution[some] = inverse @ (scaled.T @ (square * weight)) / scale[some]
+            told = inverse @ (scaled.T @ ((square - beyond) * weight))
+            solution[some] = told / scale[some]
             below = some & (solution < 0) & _MAY_BE_NOTHING
             if solution[1] <= 0 and not below.any():
                 below = some & _MAY_BE_NOTHING
             if not below.any():
                 break
             some &= ~below
-    if solution[1] <= 0:
+        dark, grows = solution[0], solution[1] > 0
+        solution[:2] = max(dark, before / _LESS), max(solution[1], 1e-9)
+    if not grows:
         raise FrameError(
             "the noise of these frames does not grow with the grey level, so the photon transfer "
             "tells nothing; take single frames as the camera gives them, neither averaged nor "
@@ -153,7 +169,7 @@ def photon_transfer(
     spread = np.zeros(4)
     # Of squares of normal numbers the variance is twice the square of theirs.
     spread[some] = np.sqrt(2 * np.diag(inverse)) / scale[some]
-    square = square - np.maximum(solution[2:], 0) @ design[:, 2:].T
+    square = square - solution[2:] @ design[:, 2:].T
     edges = np.quantile(at, np.linspace(0, 1, _BINS + 1))
     bins = np.clip(np.searchsorted(edges, at, "right") - 1, 0, _BINS - 1)
     number = np.bincount(bins, minlength=_BINS)
@@ -166,7 +182,7 @@ def photon_transfer(
     return Transfer(
         mean(at), mean(square), number[kept],
         Measured(float(solution[1]), float(spread[1])),
-        Measured(float(solution[0]) - QUANTISED, float(spread[0])),
+        Measured(float(dark), float(spread[0])),
         _root(solution[2], spread[2]), None if own else _root(solution[3], spread[3]),
     )  # fmt: skip
 
@@ -177,10 +193,59 @@ def _root(square: float, spread: float) -> Measured:
     return Measured(root, float(spread) / (2 * root) if square > spread else float(spread) ** 0.5)
 
 
-def _variance(solution: Array, signal: Array, slope: Array) -> Array:
-    dark, gain, tremble, uneven = np.maximum(solution, 0)
-    found: Array = dark + gain * np.maximum(signal, 0) + tremble * slope**2 + uneven * signal**2
-    return np.maximum(found, _LEAST)
+def _check(clear: NDArray[np.bool_], cut: NDArray[np.bool_], saturated: NDArray[np.bool_]) -> None:
+    """Refuse levels of which too few tell how noise grows."""
+    telling = clear & ~cut
+    if np.count_nonzero(telling) >= 50 * _BINS:
+        return
+    dark, bright = (float(np.mean(which)) for which in (cut, saturated))
+    advice = (
+        "take the frames at a shorter exposure, or of a larger region."
+        if bright > 0
+        else "take frames of which more are lit, or of a larger region."
+    )
+    raise FrameError(
+        f"too few grey levels tell the noise: {dark:.1%} are black, {bright:.1%} saturated, and "
+        f"only {np.count_nonzero(telling):,} of the others are as the light would have them, where "
+        f"{50 * _BINS:,} are needed; {advice}"
+    )
+
+
+def _shown(solution: Array, signal: Array, sensor: Sensor) -> tuple[Array, list[Array]]:
+    """Return the variance of grey levels as they are rounded and clipped at black, DN^2.
+
+    Returns
+    -------
+    variance : ndarray, of the shape of `signal`
+    rises : list of two ndarrays of that shape
+        By how much it rises with the dark's variance and with the gain.
+    """
+    dark, gain = float(solution[0]), max(float(solution[1]), 1e-6)
+    positive = np.maximum(signal, 0)
+    reach = max((_EVEN - dark) / gain, 3 * _CLEAR * np.sqrt(dark) + 2 * _CLEAR**2 * gain)
+    reach = min(reach, float(sensor.full_scale_dn))
+    knots = np.linspace(0, reach, int(np.clip(reach * _KNOTS_A_DN, 16, _KNOTS_MAX)))
+
+    def beyond(dark: float, gain: float) -> Array:
+        """Return by how much more it is than that of normal numbers, rounded."""
+        # Of a sensor that does not saturate: what does is not looked at.
+        sensed = sensor.model_copy(
+            update={
+                "saturation_e": (sensor.full_scale_dn - sensor.black_level_dn) / gain,
+                "read_noise_e": np.sqrt(dark) / gain,
+            }
+        )
+        _, variance = grey_moments(knots / gain, sensed)
+        return variance - (dark + gain * knots + QUANTISED)
+
+    more = beyond(dark, gain)
+    by_dark = (beyond(dark + 0.02 * dark + 1e-4, gain) - more) / (0.02 * dark + 1e-4)
+    by_gain = (beyond(dark, 1.02 * gain) - more) / (0.02 * gain)
+    shown = dark + gain * positive + QUANTISED + np.interp(positive, knots, more, right=0)
+    return shown, [
+        1 + np.interp(positive, knots, by_dark, right=0),
+        positive + np.interp(positive, knots, by_gain, right=0),
+    ]
 
 
 def _own(rest: Array, signal: Array, slope: Array, weight: Array) -> tuple[Array, Array]:

@@ -1,0 +1,47 @@
+"""The variance of grey levels over the level tells gain and read noise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gpuspec.errors import FrameError
+from gpuspec.frames.photon_transfer import photon_transfer
+from gpuspec.light.float64_noise import Excess, unclipped_mean
+from gpuspec.station.sections import Sensor
+
+ALL = 4.0
+"""Standard uncertainties within which every number is. Measured: 2.2."""
+
+
+def sensed(signal: np.ndarray, sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:
+    """Return grey levels of a signal over saturation, and what they are on average."""
+    rng = np.random.default_rng(7)
+    electrons = rng.poisson(signal * sensor.saturation_e)
+    electrons = electrons + sensor.read_noise_e * rng.standard_normal(signal.shape)
+    levels = np.rint((electrons * sensor.gain_dn_per_e).clip(0, sensor.full_scale_dn))
+    return levels, unclipped_mean(signal, sensor) + Excess.of(sensor).at(signal)[0]
+
+
+@pytest.mark.parametrize("read_e", [5.0, 10.0, 30.0])
+@pytest.mark.parametrize("saturation_e", [10_000.0, 30_000.0])
+@pytest.mark.parametrize("dark", [0.0, 0.02])
+def test_a_dark_and_a_lit_level_tell_gain_and_read_noise_though_rounding_hides_it(
+    read_e, saturation_e, dark
+):
+    sensor = Sensor(saturation_e=saturation_e, read_noise_e=read_e, noise=True)
+    signal = np.where(np.arange(12) % 2, dark, 0.65) + np.zeros((20_000, 1))
+    levels, expected = sensed(signal, sensor)
+    found = photon_transfer(levels, expected, 255 * signal, np.zeros_like(signal), sensor)
+    gain, noise = found.gain_dn_per_e, found.dark_dn2
+    assert abs(gain.value - sensor.gain_dn_per_e) < ALL * gain.uncertainty
+    assert gain.uncertainty < 0.01 * gain.value
+    assert abs(noise.value - (read_e * sensor.gain_dn_per_e) ** 2) < ALL * noise.uncertainty
+
+
+def test_levels_that_are_nearly_all_black_or_saturated_are_refused_with_their_shares():
+    sensor = Sensor(noise=True)
+    signal = np.where(np.arange(12) % 4, 0.0, 2.0) + np.zeros((5_000, 1))
+    levels, expected = sensed(np.minimum(signal, 1), sensor)
+    with pytest.raises(FrameError, match=r"75\.0% are black, 25\.0% saturated"):
+        photon_transfer(levels, expected, 255 * signal, np.zeros_like(signal), sensor)
