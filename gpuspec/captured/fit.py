@@ -260,7 +260,8 @@ def fit(
         unknown(given, scale, waves, light, real, twin, dark=dark is not None),
         real, twin, light, waves, transfer, aspect, inside, residual, fold, found,
         tuple(_rows(every, seen.frames, chosen.first, chosen.why)), info,
-        tuple(f"{every[k].name} is left out: {why}." for k, why in sorted(chosen.why.items())),
+        (*(f"{every[k].name} is left out: {why}." for k, why in sorted(chosen.why.items())),
+         *light.doubts),
     )  # fmt: skip
 
 

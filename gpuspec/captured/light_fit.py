@@ -31,6 +31,8 @@ _SAMPLES = 24_000  # that are fitted
 _FIRST = 3_000  # on which starts are compared
 _FOLDED = 256  # places on the light, on whose mean levels many starts are tried
 _GOLDEN = (5**0.5 - 1) / 2
+_EXPLAINED = 1.25  # times the samples' noise, above which what is left is no noise
+_AT = 1e-3  # of a limit, relatively, within which a number is at it
 _TRIED = 12  # starts on these, the best of a grid
 _SATURATED = 1e-3  # share of samples at full scale, above which a table is not told
 _BETTER = 0.97  # of a simpler light's misfit, below which another is taken instead
@@ -112,6 +114,11 @@ class LightFit:
         The numbers in the order of the model.
     rms_dn : float
         Of the samples about it.
+    noise_dn : float
+        Of what is left of the samples about that of their neighbours on the light: the `rms_dn`
+        of a light that explains them.
+    at_limit : mapping of str to float
+        Numbers that end at the least or the most that is looked for.
     """
 
     kind: Kind
@@ -120,10 +127,30 @@ class LightFit:
     falloff_spread: Array
     harmonics: NDArray[np.complex128]
     rms_dn: float
+    noise_dn: float
+    at_limit: Mapping[str, float]
     vector: Array
     _across: float
     _down: float
     _pupil: float | None
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why its numbers are not to be believed, a sentence each."""
+        said = []
+        if self.rms_dn > _EXPLAINED * self.noise_dn:
+            said.append(
+                f"the fitted light ({self.kind}) does not explain these frames: grey levels are "
+                f"{self.rms_dn:.2f} DN rms off it, and their noise is {self.noise_dn:.2f} DN. Its "
+                f"numbers are off by more than their uncertainties; look at the picture, and give "
+                f"what is known of the light and the pupil."
+            )
+        for name, value in self.at_limit.items():
+            said.append(
+                f"{name} ends at {value:g}, the limit of what is looked for: the light is hardly "
+                f"such a one ({self.kind}), and the uncertainty of its numbers does not hold."
+            )
+        return tuple(said)
 
     def gain(self, place: Array) -> Array:
         """Return the relative gain at places of the image.
@@ -220,6 +247,15 @@ class _Model:
     def free(self) -> NDArray[np.bool_]:
         """Which of the parameters are looked for."""
         return np.array([not (self.held and name == "pupil") for name in self.names])
+
+    def at_limit(self, vector: Array) -> dict[str, float]:
+        """Return the parameters at a limit that is none by nature, as no leak and a pinhole are."""
+        return {
+            name: limit
+            for limits in self.bounds
+            for name, value, limit in zip(self.names, vector, limits, strict=True)
+            if limit and np.isfinite(limit) and abs(value - limit) <= _AT * abs(limit)
+        }
 
     def boxes(self, pupil: float) -> tuple[Array, Array]:
         at = np.ones(1)
@@ -473,8 +509,18 @@ def _told(
     rest = samples.levels - shown
     return LightFit(
         kind, numbers, vector[size:], spread[size:], waves, float(np.sqrt(np.mean(rest**2))),
-        vector[:size], samples.across, samples.down, pupil,
+        _noise(rest, samples.turn), model.at_limit(vector[:size]), vector[:size], samples.across,
+        samples.down, pupil,
     )  # fmt: skip
+
+
+def _noise(rest: Array, turn: Array) -> float:
+    """Return the noise of what is left: of neighbours on the light the same light is left.
+
+    J. von Neumann, Ann. Math. Stat. 12 (1941): half the mean square of successive differences.
+    """
+    sorted_rest = rest.ravel()[np.argsort(turn.ravel() % 1)]
+    return float(np.sqrt(np.mean(np.diff(sorted_rest) ** 2) / 2))
 
 
 def seen_through(waves: NDArray[np.complex128], wide: float, narrow: float) -> Array:

@@ -16,6 +16,8 @@ EXPOSURE, DUTY, PUPIL = 0.01, 5e-4, 2e-3
 """Relatively, and of a period. Measured: 0.004, 1e-4, 4e-4."""
 NOISE_DN = 2.5
 """Of the highest level, which is lit most of the time."""
+EXPLAINED = 0.02
+"""Relatively, between what is left of levels and their noise. Measured: 0.003."""
 PIXEL = 1 / 70
 STATION = Station(sensor={"noise": True})
 SENSOR = STATION.sensor
@@ -67,3 +69,27 @@ def test_stripes_that_saturate_are_found_with_the_pupil_that_is_given(exposure, 
     assert found.numbers["pupil"].uncertainty == 0
     assert found.numbers["exposure"].value == pytest.approx(exposure, rel=3 * EXPOSURE)
     assert found.numbers["duty"].value == pytest.approx(0.48, abs=3 * DUTY)
+
+
+def test_a_light_that_does_not_explain_the_levels_says_so_and_so_does_a_number_at_its_limit():
+    found = fitted(samples(0.9, 0.1, 0.03, 0.0), kind="sinusoid")
+    unexplained, at_limit = found.doubts
+    assert "does not explain" in unexplained
+    assert "gamma ends at 10" in at_limit
+
+
+def test_a_table_that_explains_the_levels_raises_no_doubt():
+    """Its numbers have no limit."""
+    turn = np.linspace(0, 5, 20_000)[:, None] - np.arange(12) / 12
+    mean = 90 + 60 * np.cos(2 * np.pi * turn) + 20 * np.cos(4 * np.pi * (turn - 0.1))
+    levels = np.rint(np.random.default_rng(5).normal(mean, 1.6))
+    taken = Samples(levels, turn, np.zeros((20_000, 2)), PIXEL, 0.0)
+    found = fitted(taken)
+    assert found.kind == "table"
+    assert not found.doubts
+
+
+def test_a_light_that_explains_the_levels_raises_no_doubt():
+    found = fitted(samples(0.65, 0.22, 0.0, 0.06), pupil=0.06)
+    assert not found.doubts
+    assert found.rms_dn == pytest.approx(found.noise_dn, rel=EXPLAINED)
