@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 _LOOKED_AT = 600_000  # grey levels of the sequence
 _ROUNDS = 3  # of light and noise: each tells the other's weight
 _TOLD = 0.02  # relative uncertainty of a gain, below which no other way to it is tried
+_LESS = 4.0  # standard deviations below 0, from which a dark's variance is none
 _CHECKED_PX = 700  # side of the twin's image that is held against the real one
 
 
@@ -257,7 +258,7 @@ def fit(
     return Fit(
         station_of,
         known(scale, waves, step, uneven, light, transfer, prnu, blacks, station_of),
-        unknown(given, scale, waves, light, real, twin, dark=dark is not None),
+        unknown(given, scale, waves, light, transfer, real, twin, dark=dark is not None),
         real, twin, light, waves, transfer, aspect, inside, residual, fold, found,
         tuple(_rows(every, seen.frames, chosen.first, chosen.why)), info,
         (*(f"{every[k].name} is left out: {why}." for k, why in sorted(chosen.why.items())),
@@ -383,20 +384,27 @@ def _transfer(
     levels: NDArray[np.float64], expected: NDArray[np.float64], signal: NDArray[np.float64],
     slope: NDArray[np.float64], sensor: Sensor, kind: Kind,
 ) -> Transfer:  # fmt: skip
-    """Return the photon transfer; under stripes without the pixels' own where these leave little.
+    """Return the photon transfer, the pixels' own taken off; or not, where that tells the gain.
 
     Stripes may leave a pixel few levels between dark and saturated.
     """
-    try:
-        found = photon_transfer(levels, expected, signal, slope, sensor)
-        if kind != "stripes" or _told(found) < _TOLD:
-            return found
-    except FrameError:
-        if kind != "stripes":
-            raise
-        return photon_transfer(levels, expected, signal, slope, sensor, own=False)
-    other = photon_transfer(levels, expected, signal, slope, sensor, own=False)
-    return min(found, other, key=_told)
+    refused: FrameError | None = None
+    found = []
+    for own in (True, False):
+        try:
+            one = photon_transfer(levels, expected, signal, slope, sensor, own=own)
+        except FrameError as error:
+            refused = refused or error
+        else:
+            dark = one.dark_dn2
+            if own or dark.value > -_LESS * dark.uncertainty:  # else the light left more than noise
+                found.append(one)
+        if kind != "stripes" or (found and _told(found[0]) < _TOLD):
+            break
+    if not found:
+        assert refused is not None
+        raise refused
+    return min(found, key=_told)
 
 
 def _told(transfer: Transfer) -> float:

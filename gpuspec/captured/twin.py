@@ -21,6 +21,7 @@ WINDOW_PX = 41.0
 """Side of the window of the local background, where the station gives none."""
 _ALIKE = 0.25
 """What share of the fall-off's misfit cos^4 may leave for it to be taken."""
+_APART = 0.2  # relative uncertainty of a gain, from which it counts as not told
 _NEIGHBOURS = 0.2  # correlation of neighbours' noise from which it is told
 
 
@@ -383,8 +384,8 @@ def _falloff(light: LightFit, scale: Scale) -> tuple[float, float]:
 
 
 def unknown(
-    given: Station, scale: Scale, waves: Fringes, light: LightFit, real: Texture, twin: Texture,
-    *, dark: bool,
+    given: Station, scale: Scale, waves: Fringes, light: LightFit, transfer: Transfer,
+    real: Texture, twin: Texture, *, dark: bool,
 ) -> tuple[str, ...]:  # fmt: skip
     """Return what such frames cannot tell, a sentence each.
 
@@ -395,6 +396,7 @@ def unknown(
     scale : Scale
     waves : Fringes
     light : LightFit
+    transfer : Transfer
     real, twin : Texture
         Of the aspect images of the frames and of the twin.
     dark : bool
@@ -417,6 +419,13 @@ def unknown(
         said.append(
             "The black level: what is dark in every image may be black level or leak; it is taken "
             "as light, and read noise is told for a black level of 0. Give --dark frames."
+        )
+    gain = transfer.gain_dn_per_e
+    if gain.uncertainty > _APART * gain.value:
+        said.append(
+            "Gain and read noise apart: nearly all grey levels that are not saturated are alike. "
+            "Their noise is the twin's; how much of it grows with the level is not told. Give "
+            "frames at a shorter exposure."
         )
     if light.kind != "stripes" and scale.pupil_periods is None:
         said.append(

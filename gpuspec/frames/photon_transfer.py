@@ -25,8 +25,9 @@ QUANTISED = 1 / 12
 """Variance of rounding to whole grey levels, DN^2."""
 _BINS = 40
 _LEAST = 0.02  # DN^2
-_MAY_BE_NOTHING = np.array([False, False, True, True])
-"""Of the terms of a variance: trembling and uneven gain."""
+_MAY_BE_NOTHING = np.array([True, False, True, True])
+"""Of the terms of a variance: the dark's, trembling and uneven gain."""
+_OF_LIGHT = np.array([False, False, True, True])
 _LEVERAGE = 0.7
 _STRANGE = 4.5  # standard deviations
 _CLEAR = 4.0  # standard deviations from black and from full scale, nearer than which noise is cut
@@ -47,7 +48,8 @@ class Transfer:
         adds, and number.
     gain_dn_per_e : Measured
     dark_dn2 : Measured
-        Variance at black level, without rounding.
+        Variance at black level, without rounding; where it comes out below 0, the gain is that of a
+        variance of 0.
     jitter : Measured
         Rms of the light's place from image to image, in periods.
     uneven : Measured or None
@@ -152,23 +154,24 @@ def photon_transfer(
             solution = np.zeros(4)
             told = inverse @ (scaled.T @ ((square - beyond) * weight))
             solution[some] = told / scale[some]
+            if some[0]:  # a gain without a dark is no more certain for it
+                # Of squares of normal numbers the variance is twice the square of theirs.
+                spread = np.zeros(4)
+                dark, spread[some] = solution[0], np.sqrt(2 * np.diag(inverse)) / scale[some]
             below = some & (solution < 0) & _MAY_BE_NOTHING
             if solution[1] <= 0 and not below.any():
-                below = some & _MAY_BE_NOTHING
+                below = some & _OF_LIGHT if (some & _OF_LIGHT).any() else some & _MAY_BE_NOTHING
             if not below.any():
                 break
             some &= ~below
-        dark, grows = solution[0], solution[1] > 0
-        solution[:2] = max(dark, before / _LESS), max(solution[1], 1e-9)
+        grows = solution[1] > 0
+        solution[:2] = max(solution[0], before / _LESS), max(solution[1], 1e-9)
     if not grows:
         raise FrameError(
             "the noise of these frames does not grow with the grey level, so the photon transfer "
             "tells nothing; take single frames as the camera gives them, neither averaged nor "
             "noise-free."
         )
-    spread = np.zeros(4)
-    # Of squares of normal numbers the variance is twice the square of theirs.
-    spread[some] = np.sqrt(2 * np.diag(inverse)) / scale[some]
     square = square - solution[2:] @ design[:, 2:].T
     edges = np.quantile(at, np.linspace(0, 1, _BINS + 1))
     bins = np.clip(np.searchsorted(edges, at, "right") - 1, 0, _BINS - 1)

@@ -45,3 +45,14 @@ def test_levels_that_are_nearly_all_black_or_saturated_are_refused_with_their_sh
     levels, expected = sensed(np.minimum(signal, 1), sensor)
     with pytest.raises(FrameError, match=r"75\.0% are black, 25\.0% saturated"):
         photon_transfer(levels, expected, 255 * signal, np.zeros_like(signal), sensor)
+
+
+def test_of_a_single_level_gain_and_read_noise_are_not_told_apart_and_said_so():
+    """Its noise may be all of the dark or grow with the level: the gain is at most all of it."""
+    sensor = Sensor(noise=True)
+    signal = np.full((5_000, 12), 0.12) + np.linspace(-1e-4, 1e-4, 12)
+    levels, expected = sensed(signal, sensor)
+    found = photon_transfer(levels, expected, 255 * signal, np.zeros_like(signal), sensor)
+    gain = found.gain_dn_per_e
+    assert gain.uncertainty > gain.value
+    assert abs(gain.value - sensor.gain_dn_per_e) < ALL * gain.uncertainty
