@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LOOKED_AT = 600_000  # grey levels of the sequence
+_WEIGHED = 150_000  # of them, for a noise that gives weights alone
 _ROUNDS = 3  # of light and noise: each tells the other's weight
 _TOLD = 0.02  # relative uncertainty of a gain, below which no other way to it is tried
 _LESS = 4.0  # standard deviations below 0, from which a dark's variance is none
@@ -351,16 +352,17 @@ def _light_and_noise(
             samples, sensor, noise, pupil=scale.pupil_periods, kind=kind, before=light
         )
         kind = light.kind
-        gain = light.gain(samples.place)[:, None]
-        expected = light.levels(samples.turn, gain, sensor)
+        some = samples if turn == _ROUNDS - 1 else samples.some(_WEIGHED)
+        gain = light.gain(some.place)[:, None]
+        expected = light.levels(some.turn, gain, sensor)
         small = 1e-3
         slope = (
-            light.levels(samples.turn + small, gain, sensor)
-            - light.levels(samples.turn - small, gain, sensor)
+            light.levels(some.turn + small, gain, sensor)
+            - light.levels(some.turn - small, gain, sensor)
         ) / (2 * small)
         black, full = sensor.black_level_dn, float(sensor.full_scale_dn)
-        levels = samples.levels.astype(np.float64)
-        signal = light.signal(samples.turn, gain) * (full - black)
+        levels = some.levels.astype(np.float64)
+        signal = light.signal(some.turn, gain) * (full - black)
         transfer = _transfer(levels, expected, signal, slope, sensor, kind)
         gain_dn = max(transfer.gain_dn_per_e.value, (full - black) / 1e7)
         sensor = sensor.model_copy(
