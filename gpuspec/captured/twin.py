@@ -22,6 +22,7 @@ WINDOW_PX = 41.0
 _ALIKE = 0.25
 """What share of the fall-off's misfit cos^4 may leave for it to be taken."""
 _APART = 0.2  # relative uncertainty of a gain, from which it counts as not told
+_SEEN_PX = 0.7  # of an edge of the light, not saturated, below which exposure counts as ill told
 _NEIGHBOURS = 0.2  # correlation of neighbours' noise from which it is told
 
 
@@ -438,6 +439,14 @@ def unknown(
             "Exposure, stripes' width and pupil apart: the images saturate, and of an edge of the "
             "light only its foot is seen. Give camera.pupil_mm, or frames at a shorter exposure."
         )
+    if light.kind == "stripes" and exposed > 1:
+        seen = _footprint(light.numbers["pupil"], scale).value * scale.period_px / exposed
+        if seen < _SEEN_PX:
+            said.append(
+                f"The exposure as well as its uncertainty says: of an edge of the light {seen:.2f} "
+                f"px do not saturate, and to a part of a pixel the light's place is not told so "
+                f"well. Take frames at a shorter exposure."
+            )
     if light.kind == "sinusoid" and exposed > 1:
         said.append(
             "The light's profile where it saturates: it is that of a sinusoid through a gamma that "

@@ -149,3 +149,20 @@ def test_a_twin_is_written_to_a_station_file(tmp_path):
 
     with pytest.raises(OutputError, match=r"NAME\.toml"):
         outputs(tmp_path / "twin")
+
+
+@pytest.mark.slow
+def test_of_saturated_stripes_through_a_pinhole_the_exposure_is_said_to_be_ill_told():
+    """A quarter of a pixel of an edge is not saturated."""
+    station = gpuspec.Station(
+        part={"length_mm": 20.0, "width_mm": 15.0},
+        tunnel={"luminous_mm": 3.4, "dark_mm": 6.6, "dark_leak": 0.03},
+        camera={"sampling_mm": 0.1, "pupil_mm": 0.0}, sensor={"exposure": 4.0, "noise": True},
+        sequence={"images": 16},
+    )  # fmt: skip
+    known = gpuspec.Station(camera={"sampling_mm": 0.1, "pupil_mm": 0.0})
+    found = gpuspec.fit(taken(station), known, region="0,0,200,150", defects=False, backend="numpy")
+    assert any("The exposure as well as" in said for said in found.unknown)
+    assert any("Gain and read noise apart" in said for said in found.unknown)
+    assert found["saturation"].uncertainty > 0.2 * found["saturation"].value
+    assert found["pupil"].value == 0
