@@ -20,11 +20,12 @@ from gpuspec.frames.accumulator import Accumulator
 from gpuspec.frames.fringes import Fringes, Measured, fringes, periods_of, steps
 from gpuspec.frames.outline import outlined
 from gpuspec.frames.period import whole_periods
-from gpuspec.frames.photon_transfer import Transfer, photon_transfer
+from gpuspec.frames.photon_transfer import Noise, Transfer, photon_transfer
 from gpuspec.frames.readers import Colour
 from gpuspec.frames.region import lit_region
 from gpuspec.frames.texture import Texture, band_gain, texture
 from gpuspec.light.backend import Backend, DeviceInfo
+from gpuspec.light.float64_noise import grey_moments
 from gpuspec.report.captured import FrameRow
 from gpuspec.report.twin import Number
 from gpuspec.shown import object_of
@@ -394,7 +395,10 @@ def _transfer(
     found = []
     for own in (True, False):
         try:
-            one = photon_transfer(levels, expected, signal, slope, sensor, own=own)
+            one = photon_transfer(
+                levels, expected, signal, slope, float(sensor.full_scale_dn), _noise_of(sensor),
+                own=own,
+            )  # fmt: skip
         except FrameError as error:
             refused = refused or error
         else:
@@ -407,6 +411,17 @@ def _transfer(
         assert refused is not None
         raise refused
     return min(found, key=_told)
+
+
+def _noise_of(sensor: Sensor) -> Noise:
+    def variance(signal: NDArray[np.float64], dark: float, gain: float) -> NDArray[np.float64]:
+        full = sensor.full_scale_dn - sensor.black_level_dn
+        sensed = sensor.model_copy(
+            update={"saturation_e": full / gain, "read_noise_e": float(np.sqrt(dark)) / gain}
+        )
+        return grey_moments(signal / gain, sensed)[1]
+
+    return variance
 
 
 def _told(transfer: Transfer) -> float:

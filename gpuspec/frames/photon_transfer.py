@@ -9,6 +9,7 @@ square of the slope of the light, and what uneven gains add with that of the lev
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,10 +18,11 @@ from numpy.typing import NDArray
 
 from gpuspec.errors import FrameError
 from gpuspec.frames.fringes import Measured
-from gpuspec.light.float64_noise import grey_moments
-from gpuspec.station.sections import Sensor
 
 Array = NDArray[np.float64]
+Noise = Callable[[Array, float, float], Array]
+"""Variance of rounded and clipped grey levels, DN^2, at signals over black in DN, with the variance
+of the dark and the gain."""
 QUANTISED = 1 / 12
 """Variance of rounding to whole grey levels, DN^2."""
 _BINS = 40
@@ -81,7 +83,8 @@ def photon_transfer(
     expected: Array,
     signal: Array,
     slope: Array,
-    sensor: Sensor,
+    full_scale_dn: float,
+    noise_of: Noise,
     *,
     own: bool = True,
 ) -> Transfer:
@@ -97,8 +100,9 @@ def photon_transfer(
         Its signal: what is over black, neither clipped nor rounded, DN.
     slope : ndarray, shape (n, K)
         By how much the level changes over a period of the light, DN.
-    sensor : Sensor
-        Its black level and depth are used.
+    full_scale_dn : float
+    noise_of : callable
+        Variance of grey levels, see :data:`Noise`.
     own : bool
         Whether each pixel's own offset, gain and place on the light are taken off first: a part is
         never quite even. Without it, as under stripes that leave a pixel few levels between dark
@@ -118,18 +122,18 @@ def photon_transfer(
     >>> from gpuspec.frames.photon_transfer import photon_transfer
     >>> rng, mean = np.random.default_rng(5), np.linspace(20, 220, 20) + np.zeros((5000, 1))
     >>> levels = np.rint(rng.normal(mean, np.sqrt(0.03 * mean + 1.0)))
-    >>> found = photon_transfer(levels, mean, mean, np.zeros_like(mean), gpuspec.Station().sensor)
+    >>> even = lambda signal, dark, gain: dark + gain * signal + 1 / 12
+    >>> found = photon_transfer(levels, mean, mean, np.zeros_like(mean), 255.0, even)
     >>> bool(abs(found.gain_dn_per_e.value - 0.03) < 3 * found.gain_dn_per_e.uncertainty)
     True
     """
-    full = float(sensor.full_scale_dn)
     guess = float(np.median((levels - expected) ** 2) * 2.2) or 0.25
     solution = np.array([max(guess, 0.25), 0.0, 0.0, 0.0])
     for _ in range(_ROUNDS):
-        shown, rises = _shown(solution, signal, sensor)
+        shown, rises = _shown(solution, signal, full_scale_dn, noise_of)
         variance = np.maximum(shown + solution[2] * slope**2 + solution[3] * signal**2, _LEAST)
         noise = np.sqrt(variance)
-        clear = expected < full - _CLEAR * noise
+        clear = expected < full_scale_dn - _CLEAR * noise
         if own:
             rest, leverage = _own(levels - expected, signal, slope, clear / variance)
             clear &= leverage < _LEVERAGE
@@ -137,7 +141,7 @@ def photon_transfer(
             rest, leverage = levels - expected, np.zeros_like(signal)
         clear &= rest**2 < _STRANGE**2 * variance + 1  # dust, and what is no even part's
         cut = signal < _CLEAR * noise
-        _check(clear, cut, expected >= full - _CLEAR * noise)
+        _check(clear, cut, expected >= full_scale_dn - _CLEAR * noise)
         at, steep, weight = signal[clear], slope[clear] ** 2, 1 / variance[clear]
         # Levels of which few are not black vary more than normal numbers.
         weight = weight / np.sqrt(1 + np.where(cut[clear], weight, 0) / 2)
@@ -214,7 +218,9 @@ def _check(clear: NDArray[np.bool_], cut: NDArray[np.bool_], saturated: NDArray[
     )
 
 
-def _shown(solution: Array, signal: Array, sensor: Sensor) -> tuple[Array, list[Array]]:
+def _shown(
+    solution: Array, signal: Array, full_scale_dn: float, noise_of: Noise
+) -> tuple[Array, list[Array]]:
     """Return the variance of grey levels as they are rounded and clipped at black, DN^2.
 
     Returns
@@ -226,20 +232,12 @@ def _shown(solution: Array, signal: Array, sensor: Sensor) -> tuple[Array, list[
     dark, gain = float(solution[0]), max(float(solution[1]), 1e-6)
     positive = np.maximum(signal, 0)
     reach = max((_EVEN - dark) / gain, 3 * _CLEAR * np.sqrt(dark) + 2 * _CLEAR**2 * gain)
-    reach = min(reach, float(sensor.full_scale_dn))
+    reach = min(reach, full_scale_dn)
     knots = np.linspace(0, reach, int(np.clip(reach * _KNOTS_A_DN, 16, _KNOTS_MAX)))
 
     def beyond(dark: float, gain: float) -> Array:
         """Return by how much more it is than that of normal numbers, rounded."""
-        # Of a sensor that does not saturate: what does is not looked at.
-        sensed = sensor.model_copy(
-            update={
-                "saturation_e": (sensor.full_scale_dn - sensor.black_level_dn) / gain,
-                "read_noise_e": np.sqrt(dark) / gain,
-            }
-        )
-        _, variance = grey_moments(knots / gain, sensed)
-        return variance - (dark + gain * knots + QUANTISED)
+        return noise_of(knots, dark, gain) - (dark + gain * knots + QUANTISED)
 
     more = beyond(dark, gain)
     by_dark = (beyond(dark + 0.02 * dark + 1e-4, gain) - more) / (0.02 * dark + 1e-4)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from gpuspec.errors import FrameError
-from gpuspec.frames.photon_transfer import photon_transfer
-from gpuspec.light.float64_noise import Excess, unclipped_mean
+from gpuspec.frames.photon_transfer import Noise, photon_transfer
+from gpuspec.light.float64_noise import Excess, grey_moments, unclipped_mean
 from gpuspec.station.sections import Sensor
 
 ALL = 4.0
@@ -23,6 +23,14 @@ def sensed(signal: np.ndarray, sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:
     return levels, unclipped_mean(signal, sensor) + Excess.of(sensor).at(signal)[0]
 
 
+def noise_of(sensor: Sensor) -> Noise:
+    def variance(signal: np.ndarray, dark: float, gain: float) -> np.ndarray:
+        known = {"saturation_e": 255 / gain, "read_noise_e": float(np.sqrt(dark)) / gain}
+        return grey_moments(signal / gain, sensor.model_copy(update=known))[1]
+
+    return variance
+
+
 @pytest.mark.parametrize("read_e", [5.0, 10.0, 30.0])
 @pytest.mark.parametrize("saturation_e", [10_000.0, 30_000.0])
 @pytest.mark.parametrize("dark", [0.0, 0.02])
@@ -32,7 +40,7 @@ def test_a_dark_and_a_lit_level_tell_gain_and_read_noise_though_rounding_hides_i
     sensor = Sensor(saturation_e=saturation_e, read_noise_e=read_e, noise=True)
     signal = np.where(np.arange(12) % 2, dark, 0.65) + np.zeros((20_000, 1))
     levels, expected = sensed(signal, sensor)
-    found = photon_transfer(levels, expected, 255 * signal, np.zeros_like(signal), sensor)
+    found = photon_transfer(levels, expected, 255 * signal, 0 * signal, 255.0, noise_of(sensor))
     gain, noise = found.gain_dn_per_e, found.dark_dn2
     assert abs(gain.value - sensor.gain_dn_per_e) < ALL * gain.uncertainty
     assert gain.uncertainty < 0.01 * gain.value
@@ -44,7 +52,7 @@ def test_levels_that_are_nearly_all_black_or_saturated_are_refused_with_their_sh
     signal = np.where(np.arange(12) % 4, 0.0, 2.0) + np.zeros((5_000, 1))
     levels, expected = sensed(np.minimum(signal, 1), sensor)
     with pytest.raises(FrameError, match=r"75\.0% are black, 25\.0% saturated"):
-        photon_transfer(levels, expected, 255 * signal, np.zeros_like(signal), sensor)
+        photon_transfer(levels, expected, 255 * signal, 0 * signal, 255.0, noise_of(sensor))
 
 
 def test_of_a_single_level_gain_and_read_noise_are_not_told_apart_and_said_so():
@@ -52,7 +60,7 @@ def test_of_a_single_level_gain_and_read_noise_are_not_told_apart_and_said_so():
     sensor = Sensor(noise=True)
     signal = np.full((5_000, 12), 0.12) + np.linspace(-1e-4, 1e-4, 12)
     levels, expected = sensed(signal, sensor)
-    found = photon_transfer(levels, expected, 255 * signal, np.zeros_like(signal), sensor)
+    found = photon_transfer(levels, expected, 255 * signal, 0 * signal, 255.0, noise_of(sensor))
     gain = found.gain_dn_per_e
     assert gain.uncertainty > gain.value
     assert abs(gain.value - sensor.gain_dn_per_e) < ALL * gain.uncertainty
