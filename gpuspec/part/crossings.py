@@ -165,12 +165,13 @@ def crossings(station: Station, relief: Relief, pixels: NDArray[np.integer]) -> 
     -------
     ndarray of uint8, shape (n,)
         ``OTHER``, ``GROOVE`` or ``CREASE``; ``OTHER`` wherever pixels look at spots wider than
-        themselves, rays are followed in steps, or a block has very many grooves.
+        themselves, rays are followed in steps, or a block has very many grooves; of a part or a
+        camera that is moved or tilted none is a ``GROOVE``.
     """
     found = np.full(len(pixels), OTHER, np.uint8)
     camera, part = station.camera, station.part
     stepped = part.relief or march_of(station, relief) is not None
-    if camera.spotted or station.posed or stepped:
+    if camera.spotted or stepped:
         return found
     row, column = np.divmod(pixels.astype(np.int64), station.shape[1])
     near = Near.of(station, relief, row, column)
@@ -181,7 +182,9 @@ def crossings(station: Station, relief: Relief, pixels: NDArray[np.integer]) -> 
         pairs = Pairs.of(station, relief, near.only(some), x, y)
         found[some] = _told(pairs, station, relief)
         inward = np.minimum(part.length_mm / 2 - np.abs(x), part.width_mm / 2 - np.abs(y))
-        found[some[inward <= _CORNER * camera.sampling_mm]] = OTHER
+        found[some[inward <= _CORNER * _pitch(station)]] = OTHER
+    if station.posed:  # slices are of pixels that look straight down
+        found[found == GROOVE] = OTHER
     for patch in relief.maps:
         rows, across = window(patch, station)
         inside = (row >= rows.start) & (row < rows.stop)
@@ -217,7 +220,7 @@ def courses(station: Station, relief: Relief, row: Ints, column: Ints) -> Floats
 
 def _told(pairs: Pairs, station: Station, relief: Relief) -> NDArray[np.uint8]:
     """Return what crosses pixels of which nothing but grooves is to be told."""
-    p, grooves = station.camera.sampling_mm, relief.grooves
+    p, grooves = _pitch(station), relief.grooves
     corner = _CORNER * p
     owner = grooves.owner[pairs.piece]
     reach = faint_from(grooves, station)[pairs.piece]
@@ -241,6 +244,16 @@ def _told(pairs: Pairs, station: Station, relief: Relief) -> NDArray[np.uint8]:
     facing &= np.minimum(np.abs(pairs.beside), np.abs(beside)) > corner
     crease = ~pairs.all(~(meet & ((np.abs(ux * vy - uy * vx) > _BENT) | facing)))
     return np.where(groove, GROOVE, np.where(crease, CREASE, OTHER)).astype(np.uint8)
+
+
+def _pitch(station: Station) -> float:
+    """Return how far apart on the part neighbouring pixels look, at most of some of the image."""
+    if not station.posed:
+        return station.camera.sampling_mm
+    row, column = np.meshgrid(*(np.linspace(0, n - 1, 3) for n in station.shape))
+    here = surface_points(station, column, row)
+    steps = [surface_points(station, column + 1, row), surface_points(station, column, row + 1)]
+    return max(float(np.hypot(x - here[0], y - here[1]).max()) for x, y in steps)
 
 
 class Crossings:

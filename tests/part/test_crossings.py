@@ -94,6 +94,29 @@ def test_pixels_of_a_bend_have_a_crease_on_its_inner_side():
     assert (found[(off < 0.1) & (along > 0.5) & (x < -1)] == GROOVE).all()
 
 
+@pytest.mark.parametrize(
+    "pose", [{"part__pose": {"shift_x_mm": 1e-9}}, {"camera__pose": {"tilt_x_deg": 1e-9}}], ids=str
+)
+def test_a_bend_of_a_part_that_is_moved_has_the_same_crease(pose):
+    bent = {**SCRATCH, "points_mm": [[-4.0, -1.3], [0.0, 0.4], [4.0, -1.3]]}
+    station, relief = scene(bent)
+    still, moved = (told(of, relief) for of in (station, station.replace(**pose)))
+    other = (moved == CREASE) != (still == CREASE)  # where a side ends within rounding
+    assert other.sum() <= 3 < (still == CREASE).sum()
+    assert not (moved == GROOVE).any()
+
+
+def test_of_a_tilted_part_pixels_at_a_bend_see_its_crease():
+    bent = {**SCRATCH, "points_mm": [[-4.0, -1.3], [0.0, 0.4], [4.0, -1.3]]}
+    station, relief = scene(bent)
+    tilted = station.replace(part__pose={"tilt_x_deg": 25.0, "turn_deg": 30.0})
+    found = told(tilted, relief)
+    x, y = places(tilted)
+    p = tilted.camera.sampling_mm
+    assert (found[(np.abs(x) < 0.5 * p) & (y < 0.3) & (y > 0.1)] == CREASE).all()
+    assert not (found[np.abs(x) > 5 * p] == CREASE).any()
+
+
 def test_a_gentle_bend_has_no_crease():
     bent = {**SCRATCH, "points_mm": [[-4.0, 0.0], [0.0, 0.1], [4.0, 0.0]]}
     station, relief = scene(bent)
