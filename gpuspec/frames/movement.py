@@ -22,6 +22,7 @@ _MOVED = 0.25
 """Share of the strongest pixels' modulation from which on a pixel sees the light move."""
 _PIXELS = 1 << 11
 """That are looked at."""
+_AT_ONCE = 20  # frames of which one is left out at a time
 _BINS = 128
 """Of a period, for the profile of the light."""
 
@@ -58,14 +59,16 @@ def explained(stack: NDArray[np.float32], rate: float | None) -> NDArray[np.bool
 
 
 def _fitting(stack: NDArray[np.float32], rate: float) -> NDArray[np.bool_]:
-    """Return which frames fit each other, the one that fits least left out until the rest do."""
+    """Return which frames fit each other, those that fit least left out until the rest do."""
     fits = np.full(len(stack), True)
     while 2 * np.count_nonzero(fits) > len(stack):
         at = np.flatnonzero(fits)
         rest = unexplained(stack[at], rate, at)
         if rest.max() <= _SHARE:
             break
-        fits[at[rest.argmax()]] = False
+        # The worst make the others worse: of few frames one is left out at a time, of many some.
+        worst = np.argsort(rest)[-max(1, len(at) // _AT_ONCE) :]
+        fits[at[worst[rest[worst] > _SHARE]]] = False
     return fits
 
 

@@ -174,15 +174,15 @@ def _strangers(stack: NDArray[np.float32], rate: float | None) -> dict[int, str]
     means = stack.mean(axis=1)
     usual = float(np.median(means))
     other = np.abs(means - usual) > _LEVEL * usual
-    due = explained(stack, rate) if other.any() else None
+    unusual, due = np.count_nonzero(other), explained(stack, rate) if other.any() else None
     if due is not None:
         other &= ~due
+    if 2 * unusual > len(stack) and 4 * np.count_nonzero(other) > len(stack):
+        return {}  # the light itself changes
     why = {
         int(k): f"its mean is {means[k]:.1f} DN and that of the others {usual:.1f}"
         for k in np.flatnonzero(other)
     }
-    if 2 * len(why) > len(stack):
-        return {}  # the light itself changes
     near = np.full(len(stack), np.inf)
     for k, one in enumerate(stack):
         apart = _distances(stack, one[None])

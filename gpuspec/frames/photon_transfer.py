@@ -134,21 +134,21 @@ def photon_transfer(
         variance = np.maximum(shown + solution[2] * slope**2 + solution[3] * signal**2, _LEAST)
         noise = np.sqrt(variance)
         clear = expected < full_scale_dn - _CLEAR * noise
+        rest: Array = levels - expected
+        left: Callable[[Array], Array] = _all
         if own:
-            rest, leverage = _own(levels - expected, signal, slope, clear / variance)
+            rest, leverage, left = _own(rest, signal, slope, clear / variance)
             clear &= leverage < _LEVERAGE
-        else:
-            rest, leverage = levels - expected, np.zeros_like(signal)
         clear &= rest**2 < _STRANGE**2 * variance + 1  # dust, and what is no even part's
         cut = signal < _CLEAR * noise
         _check(clear, cut, expected >= full_scale_dn - _CLEAR * noise)
-        at, steep, weight = signal[clear], slope[clear] ** 2, 1 / variance[clear]
+        at, steep = signal[clear], slope[clear] ** 2
+        weight = 1 / np.maximum(left(variance)[clear], _LEAST / 4)
         # Levels of which few are not black vary more than normal numbers.
         weight = weight / np.sqrt(1 + np.where(cut[clear], weight, 0) / 2)
-        square = rest[clear] ** 2 / (1 - leverage[clear])
-        rises = [rise[clear] for rise in rises]
-        design = np.column_stack([*rises, steep, at**2])
-        beyond = shown[clear] - solution[0] * rises[0] - solution[1] * rises[1]
+        square = rest[clear] ** 2
+        design = np.column_stack([left(of)[clear] for of in (*rises, slope**2, signal**2)])
+        beyond = left(shown)[clear] - design[:, :2] @ solution[:2]
         scale = np.maximum(design.max(axis=0), 1e-12)
         some = np.array([True, True, steep.max() > 1e-6, not own])
         before = solution[0]
@@ -176,7 +176,7 @@ def photon_transfer(
             "tells nothing; take single frames as the camera gives them, neither averaged nor "
             "noise-free."
         )
-    square = square - solution[2:] @ design[:, 2:].T
+    square = (square - solution[2:] @ design[:, 2:].T) * variance[clear] / left(variance)[clear]
     edges = np.quantile(at, np.linspace(0, 1, _BINS + 1))
     bins = np.clip(np.searchsorted(edges, at, "right") - 1, 0, _BINS - 1)
     number = np.bincount(bins, minlength=_BINS)
@@ -249,7 +249,14 @@ def _shown(
     ]
 
 
-def _own(rest: Array, signal: Array, slope: Array, weight: Array) -> tuple[Array, Array]:
+def _all(variance: Array) -> Array:
+    """Return what is left of a variance where nothing was taken off: all of it."""
+    return variance
+
+
+def _own(
+    rest: Array, signal: Array, slope: Array, weight: Array
+) -> tuple[Array, Array, Callable[[Array], Array]]:
     """Take each pixel's offset, gain and place off what is left of its levels.
 
     Returns
@@ -257,6 +264,10 @@ def _own(rest: Array, signal: Array, slope: Array, weight: Array) -> tuple[Array
     rest : ndarray, shape (n, K)
     leverage : ndarray, shape (n, K)
         By how much less each sample varies about the fit than by itself.
+    left : callable
+        Returns the variance that `rest` has of one that the levels have, each of shape (n, K): of
+        (1 - H)_ij^2 of the others' too, whatever the weights. With weights that are wrong, 1 - H
+        alone would be, and would make them so again.
     """
     design = np.stack([np.ones_like(signal), signal, slope], axis=2)
     design /= np.maximum(np.abs(design).max(axis=(0, 1)), 1e-12)
@@ -264,5 +275,13 @@ def _own(rest: Array, signal: Array, slope: Array, weight: Array) -> tuple[Array
     normal = np.einsum("nki,nkj->nij", weighted, design) + 1e-9 * np.eye(3)
     inverse = np.linalg.inv(normal)
     solution = np.einsum("nij,nkj,nk->ni", inverse, weighted, rest, optimize=True)
-    leverage = np.einsum("nki,nij,nkj->nk", design, inverse, weighted, optimize=True)
-    return rest - np.einsum("nki,ni->nk", design, solution), leverage
+    turned = design @ inverse
+    leverage = np.einsum("nki,nki->nk", turned, weighted)
+
+    def left(variance: Array) -> Array:
+        shared = np.einsum("nki,nk,nkj->nij", weighted, variance, weighted, optimize=True)
+        others = np.einsum("nki,nij,nkj->nk", turned, shared, turned, optimize=True)
+        found: Array = variance * (1 - 2 * leverage) + others
+        return found
+
+    return rest - np.einsum("nki,ni->nk", design, solution), leverage, left

@@ -13,7 +13,8 @@ from gpuspec.pictures.seen import Previewed
 
 _NAMES = ("hit", "false", "missed")
 _LEGEND = 28  # px, below the image
-_WIDTH = 640  # px, at the least: what the legend takes
+_WIDTH = 640  # px, at the least, for what the legend takes, unless so the image is higher than
+_HEIGHT = 2000
 
 
 def preview_picture(preview: Previewed) -> Image.Image:
@@ -35,17 +36,17 @@ def preview_picture(preview: Previewed) -> Image.Image:
         colours.astype(np.uint8), strict=True,
     ):  # fmt: skip
         picture[where] = colour
-    enlarged = -(-_WIDTH // picture.shape[1])
+    enlarged = max(1, min(-(-_WIDTH // picture.shape[1]), _HEIGHT // picture.shape[0]))
     picture = picture.repeat(enlarged, axis=0).repeat(enlarged, axis=1)
     return _with_legend(picture, preview.step, colours.astype(int).tolist())
 
 
 def _with_legend(picture: NDArray[np.uint8], step: int, colours: list[list[int]]) -> Image.Image:
     rows, columns = picture.shape[:2]
-    page = Image.new("RGB", (columns, rows + _LEGEND), "white")
+    page = Image.new("RGB", (max(columns, _WIDTH), rows + _LEGEND), "white")
     page.paste(Image.fromarray(picture), (0, 0))
     draw, font = ImageDraw.Draw(page), ImageFont.load_default(15)
-    share = f"one pixel of {step**2}, each as it is" if step > 1 else "one footprint per pixel"
+    share = f"one pixel of {step**2}, of one footprint" if step > 1 else "one footprint per pixel"
     left, top = 8, rows + 5
     draw.text((left, top), f"preview: {share}", "black", font)
     left += int(draw.textlength(f"preview: {share}", font)) + 24

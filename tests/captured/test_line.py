@@ -86,7 +86,7 @@ SAID = {
 
 
 @pytest.mark.parametrize("said", SAID)
-@pytest.mark.parametrize("shape", [(1, 1), (40, 40), (200, 120), (120, 201)])
+@pytest.mark.parametrize("shape", [(1, 1), (40, 40), (200, 120), (120, 202)])
 def test_frames_of_another_size_than_the_station_says_are_refused(said, shape):
     line = gpuspec.Line(STATION.replace(**SAID[said]))
     words = rf"part 1: frame 1 has {shape[1]} x {shape[0]} pixels, .* the image has 200 x 120; take"
@@ -96,6 +96,16 @@ def test_frames_of_another_size_than_the_station_says_are_refused(said, shape):
     for frame in scene():
         line.add(frame)
     assert line.decide().aspect.shape == (120, 200)
+
+
+def test_what_follows_from_the_parts_size_is_a_pixel_more_or_less():
+    for rows, columns in ((119, 200), (120, 201)):
+        line = gpuspec.Line(STATION.replace(**SAID["by the part"]))
+        line.add(np.full((rows, columns), 60, np.uint8))
+        assert len(line) == 1
+    stated = gpuspec.Line(STATION.replace(**SAID["by the camera"]))
+    with pytest.raises(FrameError, match="200 x 119 pixels"):
+        stated.add(np.full((119, 200), 60, np.uint8))
 
 
 def test_frames_larger_than_the_part_are_taken_where_the_camera_says_so():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gpuspec.errors import FrameError
-from gpuspec.frames.photon_transfer import Noise, photon_transfer
+from gpuspec.frames.photon_transfer import Noise, _own, photon_transfer
 from gpuspec.light.float64_noise import Excess, grey_moments, unclipped_mean
 from gpuspec.station.sections import Sensor
 
@@ -64,3 +64,20 @@ def test_of_a_single_level_gain_and_read_noise_are_not_told_apart_and_said_so():
     gain = found.gain_dn_per_e
     assert gain.uncertainty > gain.value
     assert abs(gain.value - sensor.gain_dn_per_e) < ALL * gain.uncertainty
+
+
+def test_what_a_pixels_own_fit_leaves_of_a_variance_is_told_whatever_its_weights():
+    """Of six levels it takes off three; with weights that are wrong by a factor of five."""
+    rng = np.random.default_rng(11)
+    signal = np.sort(rng.uniform(10, 240, (40, 6)))
+    slope = 300 * rng.standard_normal((40, 6))
+    variance = 0.07 + 0.0255 * signal + 1e-6 * slope**2
+    weight = rng.uniform(0.2, 1, signal.shape) / variance
+    draws = np.sqrt(variance) * rng.standard_normal((4_000, *signal.shape))
+    squares = np.mean([_own(one, signal, slope, weight)[0] ** 2 for one in draws], axis=0)
+    _, leverage, left = _own(draws[0], signal, slope, weight)
+    seen = leverage < 0.7
+    assert seen.sum() > 100
+    ratio = squares[seen] / left(variance)[seen]
+    assert np.abs(ratio - 1).max() < 0.1  # of 4,000 draws: 0.022 standard deviations
+    assert np.abs(squares[seen] / (variance * (1 - leverage))[seen] - 1).max() > 0.3

@@ -522,3 +522,10 @@ def test_the_papers_rule_stays_with_a_size_filter_and_over_other_measures(goal, 
 
 def test_without_either_the_papers_rule_is_its_own():
     assert command.asked(["run"], "paper", None, None, None) == (Path("run"), None)
+
+
+def test_where_nothing_need_be_hit_the_threshold_is_below_full_scale(swept, opencl):
+    """P1 is 1 where nothing is detected, which no station may ask for."""
+    choice = choose_for(swept["exact"], Aim("p1", ("images <= 100",)), backend=opencl)
+    for held in (choice.peak, choice.robust):
+        assert held.threshold_dn < swept["exact"].plan.station.sensor.full_scale_dn

@@ -300,17 +300,24 @@ def _read(
             continue
         weakest[found.design], flawless[found.design] = found.weakest, found.flawless
         spans = {**found.spans, **_spans(found.values, loose.intersection(wanted))}
-        level = best_of(aim.order(found.values, all_of, spans))
+        # At full scale nothing is detected, and no station may have that threshold.
+        below = (len(found.design), LEVELS - 1)
+        order = aim.order(found.values, all_of, spans)
+        level = best_of([np.broadcast_to(_below(values), below) for values in order])
         standing.append(_at(found, spans, np.arange(len(level)), level))
         missed = aim.shortfalls(found.values, all_of, spans)
-        met = np.broadcast_to(sum(missed) == 0 if missed else True, (len(level), 256))
-        row, at = np.nonzero(met)
+        row, at = np.nonzero(np.broadcast_to(_below(sum(missed) == 0) if missed else True, below))
         points = _at(found, spans, row, at)
         fronts.append(points.only(_undominated(points, over)))
     every = Standing.together(fronts)
     return (
         Standing.together(standing), every.only(_undominated(every, over)), weakest, flawless
     )  # fmt: skip
+
+
+def _below(values: Any) -> Any:
+    """Return values over levels without the last, where there are that many."""
+    return values[..., :-1] if np.shape(values)[-1:] == (LEVELS,) else values
 
 
 def _spans(values: dict[str, Floats], loose: Collection[str]) -> dict[str, tuple[Floats, Floats]]:
