@@ -245,9 +245,7 @@ class TrialBench:
             more = _beside(false, pixels, shape)
             if not 0 < len(more) <= _EDGE_MOST:
                 break
-            for _ in range(WINDOW_PX - 1):
-                more = widened(more, shape)
-            more = np.setdiff1d(more, pixels, assume_unique=True)
+            more = np.setdiff1d(widened(more, shape, WINDOW_PX - 1), pixels, assume_unique=True)
             seen = Seen.of(laid.station, laid.relief, more.astype(np.uint32), self.backend)
             pixels, levels = np.append(pixels, more), np.append(levels, seen.at(more))
             order = np.argsort(pixels)
@@ -267,9 +265,7 @@ class TrialBench:
         if not len(above):
             return 0.0
         some = above[np.unique(np.linspace(0, len(above) - 1, _WINDOWS).astype(np.intp))]
-        around = some
-        for _ in range(WINDOW_PX):
-            around = widened(around, station.shape)
+        around = widened(some, station.shape, WINDOW_PX)
         near = Seen.of(station, laid.relief, around.astype(np.uint32), self.backend)
         blob = _blobs(near.levels, around, threshold, station.shape[1], least)
         size = np.bincount(blob)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -232,21 +231,20 @@ def levelled(
         lit = valid
     if rule.background_mm:
         window, smoothing = (mm / sampling for mm in (rule.background_mm, rule.smoothing_mm))
-        whole = _clear_of_edges(valid & lit, station.camera.reach_px)
+        whole = _clear_of_edges(valid & lit, station.camera.beyond_px)
         aspect, _ = flattened(aspect, whole, max(window, WINDOW_MIN), smoothing_px=smoothing)
     if rule.polarity != "bright":
         aspect = _turned(aspect, np.float32(flawless_level(aspect, lit)), rule.polarity)
     return aspect
 
 
-def _clear_of_edges(region: NDArray[np.bool_], reach_px: float) -> NDArray[np.bool_]:
+def _clear_of_edges(region: NDArray[np.bool_], beyond: int) -> NDArray[np.bool_]:
     """Leave out what looks beyond a region or the image with more than its own pixel.
 
     A blurred rim is darker than the part. In the median of its surroundings it would make what is
     beside it bright. Where nothing is left, the region itself is returned.
     """
-    beyond = math.ceil(reach_px - 0.5)
-    if beyond < 1:
+    if not beyond:
         return region
     size = 2 * beyond + 1
     clear = scipy.ndimage.minimum_filter(region, size, mode="constant", cval=False)

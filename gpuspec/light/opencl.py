@@ -153,8 +153,7 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
         self.backend = backend
         self._sub_rays = station.camera.sub_rays
         first, pieces = relief.blocks(station)
-        maps = averaged(relief.maps, station)
-        records = map_records(maps, station)
+        records = map_records(relief.maps, station)
         self._march = march_of(station, relief)
         self._posed = station.posed or self._march is not None
         self._inputs: tuple[Any, ...] = (
@@ -164,7 +163,7 @@ class OpenCLLightMap(TiledLightMap[PlanarTile]):
             backend.constant(pieces),
             backend.constant(records),
             np.int32(len(records)),
-            backend.constant(coefficients(maps)),
+            backend.constant(coefficients(averaged(relief.maps, station))),
         )
         self._pieces_met = np.diff(first)
         self._surroundings: Surroundings | None = None

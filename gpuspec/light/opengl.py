@@ -327,8 +327,7 @@ class OpenGLLightMap(ShaderLightMap):
         self._width = -(-columns // self._wraps)
         self._sub_rays = station.camera.sub_rays
         first, pieces = relief.blocks(station)
-        maps = averaged(relief.maps, station)
-        records = map_records(maps, station)
+        records = map_records(relief.maps, station)
         self._map_count = len(records)
         march = march_of(station, relief)
         self._geometry = geometry_block(station, march)
@@ -344,7 +343,7 @@ class OpenGLLightMap(ShaderLightMap):
             "block_first": backend.listed(first),
             "pieces": backend.listed(pieces),
             "maps": backend.listed(records.reshape(-1, 4)),
-            "coefficients": backend.listed(coefficients(maps)),
+            "coefficients": backend.listed(coefficients(averaged(relief.maps, station))),
         }
         self._listed = {}
         if pixels is not None:

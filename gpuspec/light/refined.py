@@ -109,16 +109,13 @@ class RefinedLightMap(LightMap):
         there = pixels != NO_PIXEL
         several, which = np.unique(pixels[there], return_inverse=True)
         wider, own = with_neighbours(self.station, several.astype(np.int64))
-        every, beyond = own, further(wider.camera)
-        for _ in range(beyond):
-            every = widened(every, wider.shape)
+        beyond = further(wider.camera)
+        every = widened(own, wider.shape, beyond)
         around = Neighbourhood(every, wider.shape)
         arrays = self._coarse(around.pixels.astype(np.uint32), wider).read()
         light, wide = arrays.light_mm[0, 0], arrays.wide_mm[0, 0]
         found = around.sides_needed(light, wide, bend_of(wider.camera))
-        near = every[found == AT_LOSS]
-        for _ in range(beyond):
-            near = widened(near, wider.shape)
+        near = widened(every[found == AT_LOSS], wider.shape, beyond)
         found[np.isin(every, near, assume_unique=True)] = AT_LOSS
         sides = np.ones(len(pixels), np.uint8)
         sides[there] = found[np.searchsorted(every, own)][which]

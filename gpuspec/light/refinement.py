@@ -21,7 +21,6 @@ of those refined is up to three times as large.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -33,7 +32,7 @@ from gpuspec.light.constants import AT_LOSS, BLIND_WIDTH_MM
 from gpuspec.part.crossings import CREASE, GROOVE
 from gpuspec.part.guard import widened
 from gpuspec.part.spans import pixels_of
-from gpuspec.station.sections import Camera
+from gpuspec.station.sections import MOST_SIDES, Camera
 from gpuspec.station.station import Station
 
 Ints = NDArray[np.int64]
@@ -44,7 +43,7 @@ BEND = 0.2
 WIDTH_MM = 1.0
 """Larger widths count as this."""
 
-SIDES = (2, 4, 8)
+SIDES = (2, 4, MOST_SIDES)
 """Sub-rays on each side of a refined pixel."""
 
 SLICES = 20
@@ -89,7 +88,7 @@ def further(camera: Camera) -> int:
     ----------
     camera : Camera
     """
-    return max(math.ceil(camera.reach_px - 0.5) - _TOLD, 0)
+    return max(camera.beyond_px - _TOLD, 0)
 
 
 def at_loss_within(sides: NDArray[np.uint8], distance: int) -> NDArray[np.uint8]:

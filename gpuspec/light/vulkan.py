@@ -359,15 +359,14 @@ class VulkanLightMap(ShaderLightMap):
         self._columns = self.grid[1]
         self._sub_rays = station.camera.sub_rays
         first, pieces = relief.blocks(station)
-        maps = averaged(relief.maps, station)
-        records = map_records(maps, station)
+        records = map_records(relief.maps, station)
         self._maps = len(records)
         inputs = (
             piece_records(relief, station),
             first,
             pieces,
             records,
-            coefficients(maps),
+            coefficients(averaged(relief.maps, station)),
         )
         binding = min(
             backend.limits["max-storage-buffer-binding-size"], backend.limits["max-buffer-size"]

@@ -6,7 +6,6 @@ is beside the part, of a chip, or of the part, of a burr.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -168,7 +167,7 @@ def cut_at_border(edges: Edges, station: Station) -> NDArray[np.int64]:
     reach = station.camera.reach_px
     sides: list[tuple[Any, Any, float, float]] = [
         side
-        for line in range(min(max(math.ceil(reach - 0.5), 1), rows, columns))
+        for line in range(min(max(station.camera.beyond_px, 1), rows, columns))
         for side in (
             (down, line, 0, -reach), (down, columns - 1 - line, 0, reach),
             (line, across, -reach, 0), (rows - 1 - line, across, reach, 0),

@@ -90,8 +90,7 @@ def averaged(grooves: Grooves, station: Station) -> Grooves:
     station : Station
         Its sampling and subsampling are used.
     """
-    square = (station.camera.spot_side_mm / station.camera.side) ** 2 / 12
-    sigma = np.sqrt(grooves.sigma**2 + square)
+    sigma = np.sqrt(grooves.sigma**2 + station.camera.sub_ray_variance)
     line = (grooves.ends[:, :2] != grooves.ends[:, 2:]).any(axis=1)
     depth = grooves.depth * (grooves.sigma / sigma) ** np.where(line, 1, 2)
     return Grooves(grooves.ends, depth, sigma, grooves.owner)

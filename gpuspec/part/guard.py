@@ -55,9 +55,7 @@ def near(station: Station, relief: Relief, zones: LabelImage) -> Ints:
     there = count > 0
     found = together(first[there], count[there])
     if station.part.relief:  # of which the pits are known
-        marked = np.flatnonzero(zones)
-        for _ in range(REACH_PX):
-            marked = widened(marked, station.shape)
+        marked = widened(np.flatnonzero(zones), station.shape, REACH_PX)
         found = np.union1d(found, marked)
     return found
 
@@ -128,8 +126,8 @@ def faint_from(grooves: Grooves, station: Station) -> NDArray[np.float64]:
     return reach
 
 
-def widened(pixels: Ints, shape: tuple[int, int]) -> Ints:
-    """Return pixels and their eight neighbours, ascending, none twice.
+def widened(pixels: Ints, shape: tuple[int, int], by: int = 1) -> Ints:
+    """Return pixels and all within so many of them, across as well, ascending, none twice.
 
     Parameters
     ----------
@@ -137,7 +135,15 @@ def widened(pixels: Ints, shape: tuple[int, int]) -> Ints:
         Flat indices, ascending, none twice.
     shape : tuple of int
         Rows and columns of the image.
+    by : int
+        Pixels; 1: the eight neighbours.
     """
+    for _ in range(by):
+        pixels = _with_neighbours(pixels, shape)
+    return pixels
+
+
+def _with_neighbours(pixels: Ints, shape: tuple[int, int]) -> Ints:
     (rows, columns), row = shape, pixels // shape[1]
     begin = np.flatnonzero((np.diff(pixels, prepend=-2) != 1) | (np.diff(row, prepend=-1) != 0))
     first, last = (

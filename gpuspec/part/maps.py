@@ -170,8 +170,7 @@ def averaged(maps: tuple[TopographyMap, ...], station: Station) -> tuple[Topogra
     station : Station
         Its sampling, spot and subsampling are used.
     """
-    variance = (station.camera.spot_side_mm / station.camera.side) ** 2 / 12
-    return tuple(_averaged(m, variance) for m in maps)
+    return tuple(_averaged(m, station.camera.sub_ray_variance) for m in maps)
 
 
 def _averaged(m: TopographyMap, variance: float) -> TopographyMap:

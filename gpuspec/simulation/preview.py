@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gpuspec.arrays import BESIDE, Image
-from gpuspec.detection.inspection import Inspection, inspect
+from gpuspec.detection.inspection import Found, Inspection, inspect
 from gpuspec.light.backend import Backend
 from gpuspec.light.patterns import Pattern
 from gpuspec.light.refined import with_cut
@@ -21,7 +21,7 @@ MOST = 2**19
 
 
 @dataclass(frozen=True)
-class Preview:
+class Preview(Found):
     """What a light does to some pixels.
 
     Attributes
@@ -43,21 +43,6 @@ class Preview:
     inspection: Inspection
     truth: NDArray[np.int32]
     step: int
-
-    @property
-    def labels(self) -> NDArray[np.int32]:
-        """Blobs, shape (m, n)."""
-        return self.inspection.labels
-
-    @property
-    def threshold(self) -> float:
-        """Grey level above which a pixel is detected, DN."""
-        return self.inspection.threshold
-
-    @property
-    def flawless_dn(self) -> float:
-        """Median grey level of the part, DN."""
-        return self.inspection.flawless_dn
 
 
 class Previewer:

@@ -100,8 +100,9 @@ def corners(station: Station, halves: Mapping[str, float]) -> list[dict[str, flo
     """
     keys = list(halves)
     ends = []
+    numbers = {key: _number(station, key) for key in keys}
     for key in keys:
-        value, half = _number(station, key), halves[key]
+        value, half = numbers[key], halves[key]
         low = value - half
         if low < 0 <= value and not key.endswith(_SIGNED):
             low = 0  # of a share, a width or a height there is no less
@@ -118,7 +119,7 @@ def corners(station: Station, halves: Mapping[str, float]) -> list[dict[str, flo
     together = every[:, 0] + picks * (every[:, 1] - every[:, 0])
 
     def taken(key: str, value: float) -> float | int:
-        whole = isinstance(_number(station, key), int)
+        whole = isinstance(numbers[key], int)
         return round(value) if whole else float(f"{value:.9g}")
 
     found = [

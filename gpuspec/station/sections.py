@@ -21,9 +21,10 @@ from gpuspec.station.optics import FOLLOWS, blur_um, sampling_mm, spread
 _SAME = 1e-6
 """Share by which a value may differ from what follows from others: as both are written."""
 
-OUTERMOST = 0.45
 MOST_SIDES = 8
-"""Of a pixel: where the outermost of 8 sub-rays on a side is, and float32's doubt."""
+"""Sub-rays on each side of a pixel that is refined the most."""
+OUTERMOST = 0.45
+"""Of a pixel: where the outermost of so many is, and float32's doubt."""
 
 
 class OwnRelief(Topography):
@@ -413,6 +414,16 @@ class Camera(Section):
         """How far from a pixel's centre its sub-rays look at most, in pixels; with auto of any."""
         first, third = self._spread(MOST_SIDES)
         return OUTERMOST * (1 + first + third * OUTERMOST**2)
+
+    @property
+    def beyond_px(self) -> int:
+        """How many pixels beside a pixel its sub-rays look at; 0: none but its own."""
+        return max(math.ceil(self.reach_px - 0.5), 0)
+
+    @property
+    def sub_ray_variance(self) -> float:
+        """Variance along x and y of what a sub-ray averages the relief over, mm^2: of a square."""
+        return (self.spot_side_mm / self.side) ** 2 / 12
 
     @property
     def lean(self) -> float:

@@ -74,13 +74,14 @@ def of_detection(
             f"the image is dark: its brightest pixel has {brightest:.2g} DN of {full}. "
             f"{_why_dark(light_map, lit)}"
         ]
+    beyond = automatic and threshold >= full
+    if not beyond and (found or not scored.defects):
+        return []
     from gpuspec.detection.inspection import levelled
 
     held = levelled(aspect, valid, station, lit)
-    if automatic and threshold >= full:
+    if beyond:
         return [why_beyond(station, held, lit, inspected)]
-    if found or not scored.defects:
-        return []
     nothing = "nothing is detected, so that P1 is 1 by definition and says nothing"
     above = int(np.count_nonzero((held > threshold) & valid))
     if above:
